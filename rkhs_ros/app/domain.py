@@ -24,7 +24,7 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     A domain set by ROS_DOMAIN_ID stays.
 
     Args:
-        folder: folder of the run; contains the file ``checkpoints/domain`` while the run is running.
+        folder: folder of the run; contains the file ``domain`` while the run is running.
         default: domain if ROS_DOMAIN_ID is unset or empty, such as that of a robot; None for a free domain.
 
     Raises:
@@ -60,7 +60,7 @@ def domain_of(folder: Path) -> str:
 
 
 def _file(folder: Path) -> Path:
-    return folder / "checkpoints" / "domain"
+    return folder / "domain"
 
 
 def _claimed(claim: socket.socket) -> int:

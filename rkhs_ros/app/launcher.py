@@ -171,7 +171,7 @@ def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: b
         "learner": {"output": str(folder), "resume": resume},
         "robot": {"journal": journal_in(folder)},
     }
-    file = folder / "checkpoints" / "parameters.yaml"
+    file = folder / "parameters.yaml"
     write_whole(file, for_all(dumped(document), further).encode())
     return file
 
@@ -182,7 +182,7 @@ def journal_in(folder: Path) -> str:
     Raises:
         OSError: a file exists at this path.
     """
-    journal = folder / "checkpoints" / "episodes"
+    journal = folder / "episodes"
     journal.mkdir(parents=True, exist_ok=True)
     return str(journal)
 

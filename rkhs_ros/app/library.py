@@ -35,10 +35,11 @@ from rkhs_ros.rollouts.final_evaluation import FinalEvaluation, final_evaluation
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.checkpoint import Checkpoint, read_checkpoint, start_from
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Row, columns
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.report import FIRST_POLICY, is_started, new_folder
+from rkhs_ros.runs.report import is_started, new_folder
 from rkhs_ros.runs.run import training_steps
 from rkhs_ros.runs.tensorboard import has_events
 
@@ -260,21 +261,19 @@ def _made_folder(out: Path, config: Config, first_policy: Policy | None, *, resu
     require(_is_storable(options), "options", "values that out= can store in config.yaml", dict(options))
     if is_started(out):
         require(resume, f"{out}", "a new or empty folder, or resume=True to continue the run in it", "a run")
-        same = first_policy is None or _began_with(out, first_policy)
+        same = first_policy is None or _began_with(read_checkpoint(out, config), first_policy)
         require(same, "policy", f"the initial policy of the run in {out}, or none, since it is resumed", "another one")
         return True
     new_folder(out, config.training.name)
-    (out / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
-    if first_policy is not None:
-        first_policy.save(out / FIRST_POLICY)
+    start_from(out, config, first_policy.gaussian if first_policy else None)
     return False
 
 
-def _began_with(out: Path, policy: Policy) -> bool:
-    """Return whether a policy is the stored initial policy of the run in a folder."""
-    if not (out / FIRST_POLICY).is_file():
+def _began_with(found: Checkpoint | None, policy: Policy) -> bool:
+    """Return whether a policy is the initial policy of the run of a checkpoint."""
+    if found is None or found.given is None:
         return False
-    own, given = load(out / FIRST_POLICY).gaussian.mean, policy.gaussian.mean
+    own, given = found.given.mean, policy.gaussian.mean
     return np.array_equal(own.centres, given.centres) and np.array_equal(own.weights, given.weights)
 
 

@@ -5,10 +5,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.validation import require
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import FIRST_POLICY, begin, is_started
+from rkhs_ros.runs.report import begin, is_started
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 MOST_SEEDS = 10_000
@@ -57,7 +58,6 @@ def begin_seeds(
     runs = {folder.resolve() / f"{PREFIX}{seed}": replace(config, training=t) for seed, t in trainings.items()}
     for path, each in runs.items():
         path.mkdir()
-        if first_policy is not None:
-            write_whole(path / FIRST_POLICY, read_whole(first_policy))
+        start_from(path, each, load_policy(first_policy)[0] if first_policy else None)
         begin(path, each)
     return runs

@@ -13,7 +13,7 @@ PROBE_S = 0.002  # seconds between attempts while `is_locked` of other processes
 def is_locked(folder: Path) -> bool:
     """Return whether a process uses the run in a folder."""
     try:
-        with (folder / "checkpoints" / "lock").open("rb") as file:
+        with (folder / "lock").open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
@@ -27,15 +27,13 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold the lock of a run folder; the kernel releases it when this process ends, however it ends.
 
     Args:
-        folder: folder of the run. The file ``checkpoints/lock`` stays in it, because a new file would be another lock.
+        folder: folder of the run. The file ``lock`` stays in it, because a new file would be another lock.
 
     Raises:
         ValueError: another process holds the lock.
         OSError: the folder cannot be written.
     """
-    (folder / "checkpoints").mkdir(exist_ok=True)
-    path = folder / "checkpoints" / "lock"
-    with path.open("ab") as file:
+    with (folder / "lock").open("ab") as file:
         if not _take(file):
             raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")
         yield

@@ -1,7 +1,6 @@
-"""Checkpoints, from which a run resumes after it was stopped, killed or lost power."""
+"""The checkpoint of a run, from which it resumes after it was stopped, killed or lost power."""
 
 import json
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,47 +8,46 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rkhs_ros import __version__
 from rkhs_ros.base.files import read_whole, sync_to_disk, write_whole
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import State
-from rkhs_ros.policies.storage import packed, policy_arrays, policy_of, unpacked
-from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.storage import Arrays, packed, policy_arrays, policy_of, unpacked
+from rkhs_ros.recordings.recording import FILE as RECORDING
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import KINDS, Row
 
-SCHEMA = 8
-SYNC_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
-STORED = 2  # newest checkpoints that are not deleted
+FILE = "checkpoint.npz"
+WRITE_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations
 FREE = ("iterations", "timeout")  # settings that do not affect the result of an iteration
 COUNTS = ("iterations", "explored", "evaluated", "steps")  # of a state
-REMEDY = "Restore the file, or train in another folder."
-WHOLE = "expected an intact checkpoint to resume from"
+REMEDY = "Restore the file, or train in another folder"
 ROW = np.dtype(list(KINDS.items()))
-
-
-class OtherRunError(ValueError):
-    """Raised for an intact checkpoint that belongs to another run."""
+NO_MEMORY = Episodes.none(1, 1, 1)
 
 
 class Checkpoint(NamedTuple):
-    """The progress of a run after an iteration.
+    """The progress of a run after an iteration, or before the first one.
 
     Attributes:
         state: the state of the run; read from a file, its memory is empty, since the recording contains the episodes.
         rows: the rows of its learning curve.
+        best_policy: its best policy; None before the first evaluation.
+        given: its initial policy, if one was given.
     """
 
     state: State
-    rows: list[Row]
+    rows: Sequence[Row] = ()
+    best_policy: GaussianPolicy | None = None
+    given: GaussianPolicy | None = None
 
 
 class Checkpoints:
-    """Checkpoints of a run, DIR/checkpoints/ITERATION.npz.
+    """Writer of the checkpoint of a run.
 
-    Owns these files. The last two checkpoints stay, in case one is damaged. The newest checkpoint that was synced to
-    the disk stays as well, since a power cut may destroy the others.
+    Owns the file DIR/checkpoint.npz, which is replaced at most once a second, and at the end. It is on the disk before
+    it replaces its predecessor, and so are the recorded episodes that it needs.
 
     Args:
         folder: the folder DIR of the run.
@@ -58,146 +56,110 @@ class Checkpoints:
     """
 
     def __init__(self, folder: Path, config: Config, clock: Callable[[], float] = time.monotonic) -> None:
-        self._folder = folder / "checkpoints"
-        self._recording = folder / FILE
+        self._folder = folder
         self._config = config
         self._clock = clock
-        self._synced_at = clock()
-        self._synced: Path | None = None
-        self._last: list[Path] = []
+        self._due = float("-inf")
+        self._newest: Checkpoint | None = None
 
-    def write(self, state: State, rows: Sequence[Row]) -> None:
-        """Write the state after an iteration, with the rows of the learning curve so far.
-
-        Raises:
-            OSError: the checkpoint cannot be written; earlier checkpoints are unchanged.
-        """
-        now = self._clock()
-        due = now - self._synced_at >= SYNC_EVERY
-        if due:
-            sync_to_disk(self._recording)  # first, since a checkpoint without the recorded episodes is useless
-        path = self._path(state.iterations)
-        write_whole(path, self._content(state, rows), sync=due)
-        if due:
-            self._synced, self._synced_at = path, now
-        self._last = [*self._last, path][-STORED:]
-        for old in self._folder.glob("*.npz*"):  # includes *.npz.part of an interrupted write
-            if old not in (*self._last, self._synced):
-                old.unlink()
-
-    def newest(self) -> Checkpoint | None:
-        """Return the newest intact checkpoint from before the last iteration; print a warning for each damaged one.
-
-        A finished run repeats its last iteration, with a bit-identical result, and returns it to the caller.
-
-        Returns:
-            The checkpoint, or None if there is none.
+    def add(self, checkpoint: Checkpoint) -> None:
+        """Write a checkpoint, at once or with a later one.
 
         Raises:
-            ValueError: a checkpoint has another schema, other settings, or more iterations than the run;
-                or all checkpoints are damaged.
-            OSError: the disk failed.
+            OSError: the checkpoint cannot be written; the earlier one is unchanged.
         """
-        total = self._config.training.iterations
-        damaged, final = list[Path](), list[Path]()
-        for path in sorted(self._folder.glob("*.npz"), reverse=True):
-            found = self._read(path)
-            done = found.state.iterations if found else 0
-            require(done <= total, "iterations", f"at least {done}, the number of finished iterations", total)
-            if found and done < total:
-                return found
-            (final if found else damaged).append(path)
-        if damaged and final:
-            raise OtherRunError(
-                f"{damaged[0]}: expected an intact checkpoint from before the last iteration, got a damaged one and "
-                f"{final[0].name} after it. Resume with more iterations, or restore the file."
-            )
-        if damaged:
-            raise OtherRunError(f"{damaged[0]}: {WHOLE}, got damaged ones only. {REMEDY}")
+        self._newest = checkpoint
+        if self._clock() >= self._due:
+            self.close()
+
+    def close(self) -> None:
+        """Write the newest checkpoint, unless it is written.
+
+        Raises:
+            OSError: the checkpoint cannot be written; the earlier one is unchanged.
+        """
+        if self._newest is not None:
+            newest, self._newest = self._newest, None
+            sync_to_disk(self._folder / RECORDING)
+            write_checkpoint(self._folder, self._config, newest)
+            self._due = self._clock() + WRITE_EVERY
+
+
+def write_checkpoint(folder: Path, config: Config, checkpoint: Checkpoint) -> None:
+    """Write the checkpoint of a run.
+
+    Raises:
+        OSError: the checkpoint cannot be written; the earlier one is unchanged.
+    """
+    state, named = checkpoint.state, {"best_": checkpoint.best_policy, "given_": checkpoint.given}
+    counts = {name: getattr(state, name) for name in COUNTS}
+    about = {"settings": config.settings, "earlier": len(state.earlier), **counts}
+    policies = {f"earlier_{number}_": policy for number, policy in enumerate(state.earlier)}
+    policies |= {prefix: policy for prefix, policy in named.items() if policy}
+    arrays = {f"{prefix}{name}": a for prefix, each in policies.items() for name, a in policy_arrays(each).items()}
+    progress = {"about": np.array(json.dumps(about).encode()), "rows": np.array(list(checkpoint.rows), dtype=ROW)}
+    write_whole(folder / FILE, packed({**progress, **policy_arrays(state.policy), **arrays}))
+
+
+def start_from(folder: Path, config: Config, policy: GaussianPolicy | None) -> None:
+    """Prepare the folder of a run that has not started: with an initial policy, or None for the default.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    if policy is None:
+        (folder / FILE).unlink(missing_ok=True)  # left by a run that was killed before it started
+    else:
+        write_checkpoint(folder, config, Checkpoint(State(0, policy, NO_MEMORY, 0, 0, 0), given=policy))
+
+
+def read_checkpoint(folder: Path, config: Config) -> Checkpoint | None:
+    """Return the checkpoint of a run; None if there is none.
+
+    A finished run has the checkpoint before its last iteration, which a resume repeats with a bit-identical result.
+
+    Raises:
+        ValueError: the file is damaged, or of a run with other settings or more iterations.
+        OSError: the file cannot be read.
+    """
+    path = folder / FILE
+    if not path.exists():
         return None
-
-    def last(self) -> Checkpoint:
-        """Return the newest intact checkpoint; print a warning for each damaged one.
-
-        Raises:
-            ValueError: there is no intact checkpoint, or it has another schema or other settings.
-            OSError: the disk failed.
-        """
-        for path in sorted(self._folder.glob("*.npz"), reverse=True):
-            if found := self._read(path):
-                return found
-        raise ValueError(f"{self._folder}: expected an intact checkpoint, got none")
-
-    def resume_from(self, state: State) -> None:
-        """Sync the checkpoint of a state to the disk, and delete newer ones.
-
-        The run repeats the iterations of the deleted checkpoints.
-
-        Raises:
-            OSError: the disk failed.
-        """
-        path = self._path(state.iterations)
-        for other in self._folder.glob("*.npz"):
-            if other.name > path.name:
-                other.unlink()
-        sync_to_disk(path)
-        sync_to_disk(self._folder)
-        self._synced, self._last = path, [path]
-
-    def _path(self, iterations: int) -> Path:
-        return self._folder / f"{iterations:07}.npz"
-
-    def _content(self, state: State, rows: Sequence[Row]) -> bytes:
-        about = {"schema": SCHEMA, "version": __version__, "settings": self._config.settings}
-        counts = {name: getattr(state, name) for name in COUNTS}
-        about |= counts | {"earlier": len(state.earlier)}
-        earlier = {
-            f"earlier_{i}_{n}": a for i, each in enumerate(state.earlier) for n, a in policy_arrays(each).items()
-        }
-        progress = {"about": np.array(json.dumps(about).encode()), "rows": np.array(list(rows), dtype=ROW)}
-        return packed({**progress, **policy_arrays(state.policy), **earlier})
-
-    def _read(self, path: Path) -> Checkpoint | None:
-        """Return the content of a checkpoint; None if it is damaged."""
-        try:
-            arrays = unpacked(read_whole(path))
-            about = json.loads(arrays["about"].item())
-            _check_same_run(path, about, self._config.settings)
-            counts = {name: about[name] for name in COUNTS}
-            good = all(type(count) is int and count >= 0 for count in counts.values())
-            require(good, "counts", "whole numbers >= 0", counts)
-            rows = [Row(*row) for row in arrays["rows"].astype(ROW).tolist()]
-            require(len(rows) == counts["iterations"], "rows", f"{counts['iterations']}, one per iteration", len(rows))
-            earlier = tuple(policy_of(_named(f"earlier_{i}_", arrays)) for i in range(about["earlier"]))
-            policy, none = policy_of(arrays), Episodes.none(1, 1, 1)
-            return Checkpoint(State(policy=policy, memory=none, earlier=earlier, **counts), rows)
-        except OtherRunError:
+    try:
+        arrays = unpacked(read_whole(path))
+        about = json.loads(arrays["about"].item())
+        found = _checkpoint(about, arrays)
+    except Exception as error:  # a damaged archive raises almost anything
+        if isinstance(error, OSError):
             raise
-        except Exception as error:  # a damaged archive raises almost anything
-            _skip(path, f"damaged, {type(error).__name__}: {error}")
-            return None
+        got = truncated(f"{type(error).__name__}: {error}")
+        raise ValueError(f"{path}: expected an intact checkpoint, got a damaged one ({got}). {REMEDY}") from error
+    _check_same_run(path, about["settings"], config.settings)
+    total, least = config.training.iterations, found.state.iterations + 1
+    require(total >= least, "iterations", f"at least {least}, more than the finished ones", total)
+    return found
 
 
-def _check_same_run(path: Path, about: dict[str, Any], compared: dict[str, Any]) -> None:
-    schema, version = about["schema"], about["version"]
-    if schema != SCHEMA:
-        raise OtherRunError(
-            f"{path}: expected a checkpoint of schema {SCHEMA}, got schema {schema}. Resume with rkhs_ros {version}"
-        )
-    began = about["settings"]
-    given = json.loads(json.dumps(compared))
+def _checkpoint(about: Mapping[str, Any], arrays: Arrays) -> Checkpoint:
+    counts = {name: about[name] for name in COUNTS}
+    rows = [Row(*row) for row in arrays["rows"].astype(ROW).tolist()]
+    require(len(rows) == counts["iterations"], "rows", f"{counts['iterations']}, one per iteration", len(rows))
+    earlier = tuple(policy_of(_named(f"earlier_{number}_", arrays)) for number in range(about["earlier"]))
+    state = State(policy=policy_of(arrays), memory=NO_MEMORY, earlier=earlier, **counts)
+    best, given = (_named(prefix, arrays) for prefix in ("best_", "given_"))
+    return Checkpoint(state, rows, policy_of(best) if best else None, policy_of(given) if given else None)
+
+
+def _check_same_run(path: Path, began: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+    given = json.loads(json.dumps(settings))
     for name in [*given, *began]:
-        expected, got = (settings.get(name, "no such setting") for settings in (began, given))
+        expected, got = (each.get(name, "no such setting") for each in (began, given))
         if expected != got and name not in FREE:
-            raise OtherRunError(
+            raise ValueError(
                 f"{path}: {name}: expected {expected} as at the start of the run, got {got}. Start another run"
             )
 
 
-def _skip(path: Path, reason: str) -> None:
-    print(f"warning: {path}: skipped ({' '.join(reason.split())})", file=sys.stderr)
-
-
-def _named(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+def _named(prefix: str, arrays: Arrays) -> Arrays:
     """Return the arrays whose names begin with a prefix, without it."""
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from rkhs_ros.policies.storage import read_policy
+from rkhs_ros.learning.state import State
 from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.model_env import LearntModel
-from rkhs_ros.runs.checkpoint import Checkpoints
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.recorded import with_memory
-from rkhs_ros.runs.report import CONFIGURATION, last_policy
+from rkhs_ros.runs.recorded import memory_of
+from rkhs_ros.runs.report import CONFIGURATION, old_folder
 
 
 def load_model(folder: str | Path) -> LearntModel:
@@ -18,18 +17,20 @@ def load_model(folder: str | Path) -> LearntModel:
     bit-identical to the model of the run's last iteration.
 
     Args:
-        folder: folder of a finished run with model-based training.
+        folder: folder of a run with model-based training.
 
     Raises:
-        ValueError: the folder is not that of a finished run, the run has no model, or a file is damaged.
+        ValueError: the folder is not that of a run with a finished iteration, the run has no model, or a file is
+            damaged.
         OSError: a file cannot be read.
         RunError: a prior function failed.
     """
-    folder = Path(folder)
-    policy = last_policy(folder)
-    config, spaces = load_config(folder / CONFIGURATION), read_policy(policy).spaces
-    if spaces is None:
-        raise ValueError(f"{policy}: expected a policy with the spaces of its task, got one without")
-    training, found = config.training, Checkpoints(folder, config).last()
-    episodes = read_recording(folder).by_numbers()
-    return LearntModel.of(training, with_memory(found, training, spaces, episodes, f"{folder / FILE}"), spaces)
+    folder = old_folder(Path(folder))
+    training, recording = load_config(folder / CONFIGURATION).training, read_recording(folder)
+    updates, head, what = recording.updates, recording.head, f"{folder / FILE}"
+    if head is None or not updates:
+        raise ValueError(f"{what}: expected at least one finished iteration, got none")
+    policy, ends = recording.policies[updates[-1].policy_version], [update.episodes for update in updates]
+    memory = memory_of(ends, training, policy, head.spaces, recording.by_numbers(), what)
+    state = State(len(updates), policy, memory, ends[-1], updates[-1].evaluation_episodes, updates[-1].steps)
+    return LearntModel.of(training, state, head.spaces)

@@ -27,7 +27,7 @@ from rkhs_ros.recordings.recording import FILE, Head, read_held
 from rkhs_ros.runs.checkpoint import FREE, Checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.provenance import provenance_lines
-from rkhs_ros.runs.report import FIRST_POLICY, resolved
+from rkhs_ros.runs.report import resolved
 
 
 class RecordableRunner(Runner, Protocol):
@@ -107,15 +107,16 @@ def recorded(
         config: configuration of the run.
         runner: runner of the episodes.
         folder: folder of the run.
-        found: checkpoint from which the run resumes; None for a new run.
+        found: checkpoint from which the run begins or resumes, if any.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
 
     Raises:
         ValueError: the recording belongs to another run, or lacks finished iterations or their episodes.
         OSError: the recording cannot be read or written.
     """
-    file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=(folder / FIRST_POLICY).exists())
-    done, is_robot = len(found.rows) if found else 0, bool(config.environment.nodes)
+    warm_start = found is not None and found.given is not None
+    file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=warm_start)
+    done, is_robot = found.state.iterations if found else 0, bool(config.environment.nodes)
     held, messages = read_held(file, done, keeps_later=is_robot)
     is_new = not held.heads or held.heads[-1].versions != head.versions
     if held.head:
@@ -123,7 +124,11 @@ def recorded(
     if held.heads and is_new:
         print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)
     episodes = held.by_numbers()
-    state = with_memory(found, config.training, runner.spaces, episodes, f"{file}") if found else None
+    state = None
+    if found and done:
+        ends, policy = [row.episodes for row in found.rows], found.state.policy
+        memory = memory_of(ends, config.training, policy, runner.spaces, episodes, f"{file}")
+        state = replace(found.state, memory=memory)
     counts = (state.evaluated, state.explored) if state else (0, 0)
     later = {each: episode for each, episode in episodes.items() if each.first_episode >= counts[each.explore]}
     recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
@@ -137,29 +142,35 @@ def recorded(
         recorder.close()
 
 
-def with_memory(
-    found: Checkpoint, training: Training, spaces: Spaces, episodes: Mapping[Batch, RecordedBatch], what: str
-) -> State:
-    """Return the state of a checkpoint with its memory, from the recorded episodes.
+def memory_of(
+    ends: Sequence[int],
+    training: Training,
+    policy: GaussianPolicy,
+    spaces: Spaces,
+    episodes: Mapping[Batch, RecordedBatch],
+    what: str,
+) -> Episodes:
+    """Return the episodes that a run remembers after its finished iterations.
 
     Args:
-        found: the checkpoint.
+        ends: number of exploration episodes after each finished iteration, at least one.
         training: settings of the run.
-        spaces: spaces of its task.
+        policy: policy after the last iteration.
+        spaces: spaces of the task.
         episodes: the recorded episodes by number.
         what: name of the recording, used in error messages.
 
     Raises:
         ValueError: an episode is not recorded.
     """
-    memory = found.state.memory
-    for begin in [0, *(row.episodes for row in found.rows)][: len(found.rows)]:
+    memory = Episodes.none(1, 1, 1)
+    for begin in [0, *ends[:-1]]:
         batch = Batch(training.seed, begin, training.episodes_per_iteration, training.horizon, explore=True)
         missing = [each.first_episode for each in batch.parts(1) if each not in episodes]
         require(not missing, what, "the exploration episodes of the finished iterations", f"none of number {missing}")
         exploration = Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
-        memory = remembered(memory, exploration, training, found.state.policy, spaces)
-    return replace(found.state, memory=memory)
+        memory = remembered(memory, exploration, training, policy, spaces)
+    return memory
 
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:

@@ -8,14 +8,13 @@ from math import inf, isnan
 from pathlib import Path
 from shlex import quote
 
-from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.training import Iteration, lower_bound
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import load_policy, read_policy, save_policy
+from rkhs_ros.policies.storage import load_policy, save_policy
 from rkhs_ros.rollouts.final_evaluation import FinalEvaluation
 from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.config import Config
@@ -25,14 +24,13 @@ from rkhs_ros.runs.provenance import provenance_lines
 CONFIGURATION = "config.yaml"
 ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
-BEST_IN_RUN = "checkpoints/best_policy"  # what best_policy.npz was before the last policy replaced it
 FINAL_EVALUATION = "final_evaluation.txt"
-FIRST_POLICY = "first_policy.npz"  # initial policy, if one was given
+KEPT_LAST = "kept the last policy"  # in this file
+# Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
-    "checkpoints",
-    "config.yaml.part",
-    FIRST_POLICY,
-}  # files that may be left by a run that was killed before it started
+    *("checkpoint.npz", "checkpoint.npz.part", "config.yaml.part"),
+    *("domain", "episodes", "lock", "parameters.yaml"),
+}
 
 
 def new_folder(folder: Path | None, name: str) -> Path:
@@ -90,7 +88,7 @@ def last_policy(folder: Path) -> Path:
 class Report:
     """Results of a run, written while it runs.
 
-    Owns the files of the folder except checkpoints and recording. config.yaml is written at the start; its comments
+    Owns the files of the folder except checkpoint and recording. config.yaml is written at the start; its comments
     grow with what the run finds about its task. curve.csv and advice.txt grow with the run. best_policy.npz holds the
     policy with the greatest evaluation return minus its standard error, which `decide` may replace by the last policy.
     `finish` writes policy.npz.
@@ -100,6 +98,7 @@ class Report:
         config: configuration of the run.
         spaces: spaces of its task.
         rows: rows of the finished iterations.
+        best_policy: best policy of these iterations.
 
     Attributes:
         rows: the rows of the learning curve so far.
@@ -110,17 +109,24 @@ class Report:
         OSError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, config: Config, spaces: Spaces, rows: Iterable[Row] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        config: Config,
+        spaces: Spaces,
+        rows: Iterable[Row] = (),
+        best_policy: GaussianPolicy | None = None,
+    ) -> None:
         self.folder = folder
         self._config = config
         self._curve = Curve(folder / "curve.csv")
         self._last: Iteration | None = None
         self._spaces = spaces
         self.final: FinalEvaluation | None = None
-        self._undo_decision()
         self.rows = list(rows)
         done = len(self.rows)
-        self._best, self.best_policy = self._best_of(self.rows)
+        self._best, self.best_policy = max(evaluation_bounds(self.rows), default=-inf), best_policy
+        self._restore()
         self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
         self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
         write_whole(folder / CONFIGURATION, self._configuration.encode())
@@ -149,17 +155,20 @@ class Report:
         """
         self.final = final
         if final.last_is_better and self._last is not None:
-            best = self.folder / BEST_POLICY
-            write_whole(self.folder / BEST_IN_RUN, read_whole(best))
             self.best_policy = self._last.policy
-            save_policy(best, self.best_policy, self._config.task, self._spaces)
+            self._save(BEST_POLICY, self.best_policy)
         write_whole(self.folder / FINAL_EVALUATION, f"{final}\n".encode())
 
-    def _undo_decision(self) -> None:
-        """Restore the best policy of the run, which continues."""
-        if (self.folder / BEST_IN_RUN).is_file():
-            (self.folder / BEST_IN_RUN).replace(self.folder / BEST_POLICY)
+    def _restore(self) -> None:
+        """Restore the best policy of the run, which continues, and undo the decision at its end."""
         (self.folder / FINAL_EVALUATION).unlink(missing_ok=True)
+        if self.best_policy is not None:
+            self._save(BEST_POLICY, self.best_policy)
+        else:
+            (self.folder / BEST_POLICY).unlink(missing_ok=True)
+
+    def _save(self, name: str, policy: GaussianPolicy) -> None:
+        save_policy(self.folder / name, policy, self._config.task, self._spaces)
 
     def advise(self, advice: Advice) -> None:
         """Append a line to advice.txt.
@@ -169,25 +178,11 @@ class Report:
         """
         write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
 
-    def _best_of(self, rows: list[Row]) -> tuple[float, GaussianPolicy | None]:
-        """Return the bound and the policy of best_policy.npz; -inf and None, with a warning, if it cannot be read."""
-        best = max(evaluation_bounds(rows), default=-inf)
-        if best == -inf:
-            return best, None
-        try:
-            return best, read_policy(self.folder / BEST_POLICY).policy
-        except (ValueError, OSError) as error:
-            print(
-                f"warning: {error_message(error)}. The best policy of the next iterations replaces it",
-                file=sys.stderr,
-            )
-            return -inf, None
-
     def _save_if_best(self, iteration: Iteration) -> None:
         """Save the policy if the lower end of the interval of its evaluation return is the greatest so far."""
         if iteration.evaluation_bound > self._best:
             self._best, self.best_policy = iteration.evaluation_bound, iteration.policy
-            save_policy(self.folder / BEST_POLICY, iteration.policy, self._config.task, self._spaces)
+            self._save(BEST_POLICY, iteration.policy)
 
     def finish(self) -> None:
         """Write the last policy.
@@ -196,7 +191,7 @@ class Report:
             OSError: a file cannot be written.
         """
         if self._last is not None:
-            save_policy(self.folder / "policy.npz", self._last.policy, self._config.task, self._spaces)
+            self._save("policy.npz", self._last.policy)
 
 
 def advice_in(folder: Path) -> list[str]:
@@ -294,7 +289,8 @@ def _end(rows: list[Row], folder: Path) -> str:
     at = rows[bounds.index(max(bounds))]
     last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
     end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
-    is_kept = at is not last and not (folder / BEST_IN_RUN).is_file()
+    final_evaluation = folder / FINAL_EVALUATION
+    is_kept = at is not last and not (final_evaluation.is_file() and KEPT_LAST in final_evaluation.read_text())
     file = f", {BEST_POLICY}" if is_kept else ""
     final = f"{last.evaluation_return:.4g}{_undiscounted(last)} in the last evaluation{end}"
     return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"

@@ -1,6 +1,5 @@
 """Training run with its results: training loop, progress bar and files."""
 
-import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -13,14 +12,13 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import Iteration, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.final_evaluation import final_evaluation
-from rkhs_ros.runs.checkpoint import Checkpoints
-from rkhs_ros.runs.config import Config, Environment, load_config
+from rkhs_ros.runs.checkpoint import FILE, REMEDY, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
+from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
-from rkhs_ros.runs.report import FIRST_POLICY, Report, advice_in, begin, is_started, new_folder, old_folder
+from rkhs_ros.runs.report import Report, advice_in, begin, is_started, new_folder, old_folder
 from rkhs_ros.runs.tensorboard import has_events, logged
 
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
@@ -118,37 +116,35 @@ def training_steps(
     tensorboard = has_events(folder, tensorboard)
     with locked(folder):
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
-        checkpoints = Checkpoints(folder, config)
-        found = checkpoints.newest() if resume else None
-        state, rows = found or (None, [])
-        if resume and state is None:
-            _check_environment(folder, config.environment)
-            policy = folder / "policy.npz"
-            require(not policy.exists(), f"{folder / 'checkpoints'}", f"the checkpoints of {policy}", "none")
-            if (folder / "curve.csv").exists():
-                print(f"note: {folder}: no checkpoint to resume from; the run restarts", file=sys.stderr)
-        if state:
-            _check_spaces(folder, state.policy, runner.spaces)
-        warm_start = _given(folder)
+        found = read_checkpoint(folder, config)  # a new run has one if its initial policy was given
+        if found is None:
+            _check_not_begun(folder)
+        elif found.rows:
+            _check_spaces(folder, found.state.policy, runner.spaces)
         if not is_started(folder):
             begin(folder, config)
-        recording = recorded(config, runner, folder, found, sync=sync)
+        checkpoints = Checkpoints(folder, config)
+        rows, best, given = found[1:] if found else ((), None, None)
         events = logged(folder, rows) if tensorboard else nullcontext(ignore_row)
-        with recording as recorder, events as log_row:
-            first = recorder.state or first_state(config.training, runner.spaces, warm_start)
-            if state:
-                checkpoints.resume_from(state)
-            report = Report(folder, config, runner.spaces, rows)  # replaces earlier results from here on
+        with recorded(config, runner, folder, found, sync=sync) as recorder, events as log_row:
+            first = recorder.state
+            if first is None:
+                first = first_state(config.training, runner.spaces, given)
+                if found is None:
+                    write_checkpoint(folder, config, Checkpoint(first))
+            report = Report(folder, config, runner.spaces, rows, best)  # replaces earlier results from here on
             is_robot = bool(config.environment.nodes)
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
-            with finished(report), bar as show:
+            with finished(report, checkpoints), bar as show:
                 diagnosis = _diagnosis(config, runner.spaces, report)
                 for iteration in train(config.training, recorder, first):
                     recorder.updated(iteration)
                     report.add(iteration)
                     log_row(report.rows[-1])
-                    checkpoints.write(iteration.state, report.rows)
-                    if iteration.number == config.training.iterations and report.best_policy and not is_robot:
+                    if iteration.number < config.training.iterations:  # a resume repeats the last one, for its result
+                        made = Checkpoint(iteration.state, tuple(report.rows), report.best_policy, given)
+                        checkpoints.add(made)
+                    elif report.best_policy and not is_robot:
                         with _unrecorded(runner):
                             best = report.best_policy
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
@@ -183,11 +179,10 @@ def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -
     return None if on_advice is not None else advice
 
 
-def _check_environment(folder: Path, environment: Environment) -> None:
-    """Raise ValueError if the run in the folder has another environment, which no checkpoint may reveal."""
-    began = load_config(folder / "config.yaml").environment
-    expected, got = (f"{each.id} with options {dict(each.options)}" for each in (began, environment))
-    require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
+def _check_not_begun(folder: Path) -> None:
+    """Raise ValueError if a folder without a checkpoint has results, which a run would replace."""
+    results = [name for name in ("curve.csv", "policy.npz") if (folder / name).exists()]
+    require(not results, f"{folder / FILE}", f"the checkpoint of {', '.join(results)}", f"none. {REMEDY}")
 
 
 def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:
@@ -198,19 +193,16 @@ def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:
     require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
 
 
-def _given(folder: Path) -> GaussianPolicy | None:
-    """Return the initial policy of the run from its folder, if there is one."""
-    file = folder / FIRST_POLICY
-    return load_policy(file)[0] if file.exists() else None
-
-
 @contextmanager
-def finished(report: Report) -> Iterator[None]:
-    """Write the results at the end, even after an interruption."""
+def finished(report: Report, checkpoints: Checkpoints | None = None) -> Iterator[None]:
+    """Write the results and, if there is one, the checkpoint at the end, even after an interruption."""
+    ends = [*([checkpoints.close] if checkpoints else []), report.finish]
     try:
         yield
     except BaseException:
-        with suppress(Exception):  # report the first error only
-            report.finish()
+        for end in ends:
+            with suppress(Exception):  # report the first error only
+                end()
         raise
-    report.finish()
+    for end in ends:
+        end()

@@ -104,7 +104,7 @@ def test_it_learns_to_swing_up_with_model_based_training(start: Start, tmp_path:
 @pytest.mark.timeout(600)
 def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
-    journal = folder / "checkpoints" / "episodes"
+    journal = folder / "episodes"
     size = ("horizon=50", "iterations=8", "episodes_per_iteration=2")
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *PLAIN, *size)
     seen: dict[str, str] = {}

@@ -21,7 +21,7 @@ Start = Callable[..., Process]
 def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=100")
-    while not list(folder.glob("checkpoints/episodes/*.npz")) and run.popen.poll() is None:
+    while not list(folder.glob("episodes/*.npz")) and run.popen.poll() is None:
         time.sleep(0.05)
     for pid in nodes_of(run, "gate"):
         kill(pid)
@@ -40,7 +40,7 @@ def test_a_vetoed_episode_runs_again_and_is_not_learnt_from(start: Start, tmp_pa
     assert answer.success, answer.message  # the second one runs with the same policy
     code, _, err = run.finish()
     assert code == 0, err
-    journal = folder / "checkpoints" / "episodes"
+    journal = folder / "episodes"
     with np.load(next(journal.glob("*_discarded_*"))) as void:
         assert str(void["discard_reason"]) == "vetoed by the operator"
         again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")

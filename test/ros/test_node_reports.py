@@ -14,8 +14,7 @@ from test.ros.conftest import Probe
 
 def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, domain: int, tmp_path: Path) -> None:
     assert reports_of(tmp_path)() is None  # no run over topics is active
-    (tmp_path / "checkpoints").mkdir()
-    (tmp_path / "checkpoints" / "domain").write_text(f"{domain}\n")
+    (tmp_path / "domain").write_text(f"{domain}\n")
     gate = probe.create_publisher(GateState, "gate/state", LATCHED_QOS)
     gate.publish(GateState(state="stopped", reason="too fast", commands=7, stops=1))
     nodes = probe.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)

@@ -16,7 +16,6 @@ from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
 from rkhs_ros.app.study import add_worker_arguments, make_missing, report_failures, workers_of
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, print_error
-from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.ros import missing_ros, require_ros
 from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
@@ -26,11 +25,11 @@ from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import (
-    FIRST_POLICY,
-    Report,
+    begin,
     interruption_summary,
     is_started,
     new_folder,
@@ -176,10 +175,8 @@ def _prepared(options: argparse.Namespace) -> PreparedRun:
     else:
         runner = runner or runner_of(config.environment)
     folder = options.resume or new_folder(options.out, config.training.name)
-    if options.policy:
-        write_whole(folder / FIRST_POLICY, read_whole(options.policy))
-    elif not options.resume:
-        (folder / FIRST_POLICY).unlink(missing_ok=True)  # left by a run that was killed before it started
+    if not options.resume:
+        start_from(folder, config, load_policy(options.policy)[0] if options.policy else None)
     return PreparedRun(config, spaces, runner, folder)
 
 
@@ -203,7 +200,7 @@ def _train_one(options: argparse.Namespace, prepared: PreparedRun) -> int:
 def _leave_resumable(config: Config, folder: Path, spaces: Spaces) -> None:
     """Make an unfinished run resumable, and plot the policy that it learnt so far."""
     if not is_started(folder):
-        Report(folder, config, spaces)
+        begin(folder, config)
     if (folder / "policy.npz").is_file():
         draw_run(folder)
 

@@ -6,15 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.policies.storage import save_policy
 from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
 from rkhs_ros.recordings.definitions import decoded, encoded
 from rkhs_ros.recordings.recording import read_recording
-from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.replay import DifferenceError, replay
-from rkhs_ros.runs.report import FIRST_POLICY
 from test.unit.conftest import Result, assert_refused
 from test.unit.recordings.recorded_runs import CONFIG, TRAINING, Robot, longer, recorded_run
 
@@ -87,9 +84,9 @@ def test_a_resumed_run_replays(tmp_path: Path) -> None:
 def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     given = read_recording(whole)
-    spaces = InlineRunner(Simulation("rkhs/Toy-v0")).spaces
-    save_policy(tmp_path / "run" / FIRST_POLICY, given.policies[3], CONFIG.task, spaces)
-    recording = read_recording(recorded_run(tmp_path / "run", longer(2, seed=9)))
+    config = longer(2, seed=9)
+    start_from(tmp_path / "run", config, given.policies[3])
+    recording = read_recording(recorded_run(tmp_path / "run", config))
     assert len(recording.policies[1].mean.centres) > 0
     assert len(list(replay(recording))) == 2
 

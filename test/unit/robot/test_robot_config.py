@@ -117,7 +117,7 @@ def test_only_an_operator_ends_the_stops_of_a_real_robot(missing: str) -> None:
 def test_a_file_at_the_journals_path_is_reported_before_any_node_starts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = tmp_path / "run" / "checkpoints" / "episodes"
+    place = tmp_path / "run" / "episodes"
     place.parent.mkdir(parents=True)
     place.write_text("")
     code = code_of("train", PENDULUM, "--out", tmp_path / "run")

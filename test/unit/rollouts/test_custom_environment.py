@@ -134,10 +134,8 @@ def test_a_policy_is_imitated_evaluated_and_trained_further(rkhs: Rkhs) -> None:
     assert rkhs(*train, "exploration_sd=1e-6", "--iterations", 1, "--out", "warm", "--policy", "imitated.npz").code == 0
     (row,) = Curve(Path("warm/curve.csv")).rows()
     assert abs(row.exploration_return - imitated) < 0.1 * imitated
-    assert Path("warm/first_policy.npz").read_bytes() == Path("imitated.npz").read_bytes()
     before = Path("warm/curve.csv").read_text().rpartition(",")[0]
     Path("warm/policy.npz").unlink()
-    Path("warm/checkpoints").rename("aside")  # a restarted run has the same initial policy
     assert rkhs("train", "--resume", "warm", *INLINE).code == 0
     assert Path("warm/curve.csv").read_text().rpartition(",")[0] == before
 

@@ -1,6 +1,7 @@
 import os
-import re
+import signal
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rkhs_ros import __version__
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.execution import discard
@@ -18,15 +18,15 @@ from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.storage import packed, unpacked
+from rkhs_ros.policies.storage import packed
 from rkhs_ros.recordings.batches import RecordedBatch, countable
-from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.recordings.recording import FILE as RECORDING
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.checkpoint import COUNTS, Checkpoints
+from rkhs_ros.runs.checkpoint import COUNTS, FILE, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Row
-from rkhs_ros.runs.recorded import with_memory
+from rkhs_ros.runs.recorded import memory_of
 from test.unit.conftest import model_free
 
 TINY = model_free(iterations=4, episodes_per_iteration=2, evaluation_episodes=1, horizon=3)
@@ -56,8 +56,7 @@ def config_of(way: Any) -> Config:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "checkpoints").mkdir()
-    (tmp_path / FILE).touch()
+    (tmp_path / RECORDING).touch()
     return tmp_path
 
 
@@ -69,10 +68,6 @@ def states() -> list[State]:
 
 def rows(count: int) -> list[Row]:
     return [BEGINNING._replace(iteration=k, seconds=0.1 * k) for k in range(1, count + 1)]
-
-
-def files(folder: Path) -> list[str]:
-    return sorted(path.name for path in (folder / "checkpoints").iterdir())
 
 
 def assert_same_bits(one: Any, other: Any, arrays_of: ArraysOf) -> None:
@@ -106,11 +101,12 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
     episodes = countable(batches)
     for k, iteration in enumerate(whole[:-1], 1):
         lines = [Row.of(each, 0.1) for each in whole[:k]]
-        Checkpoints(folder, config).write(iteration.state, lines)
-        found = Checkpoints(folder, config).newest()
-        assert found is not None
+        write_checkpoint(folder, config, Checkpoint(iteration.state, lines))
+        found = found_in(folder, config)
         assert repr(found.rows) == repr(lines)
-        state = with_memory(found, config.training, TOY.spaces, episodes, "recording")
+        ends = [each.episodes for each in lines]
+        memory = memory_of(ends, config.training, found.state.policy, TOY.spaces, episodes, "recording")
+        state = replace(found.state, memory=memory)
         assert_same_state(state, iteration.state, arrays_of)
         rest = list(train(config.training, TOY, state))
         assert len(rest) == len(whole) - k
@@ -125,111 +121,85 @@ def test_the_state_contains_the_memory() -> None:
     assert len(last.state.memory) == 3  # otherwise the test above would be vacuous
 
 
-def write(folder: Path, *states: State, config: Config = CONFIG) -> list[Path]:
-    checkpoints = Checkpoints(folder, config)
-    for state in states:
-        checkpoints.write(state, rows(state.iterations))
-    return [folder / "checkpoints" / f"{state.iterations:07}.npz" for state in states]
+def write(folder: Path, state: State, config: Config = CONFIG) -> Path:
+    best, given = (replace(state.policy, action_repeat=repeat) for repeat in (2, 3))
+    write_checkpoint(folder, config, Checkpoint(state, rows(state.iterations), best, given))
+    return folder / FILE
 
 
-def newest(folder: Path, config: Config = CONFIG) -> int | None:
-    found = Checkpoints(folder, config).newest()
-    return None if found is None else found.state.iterations
+def found_in(folder: Path, config: Config = CONFIG) -> Checkpoint:
+    found = read_checkpoint(folder, config)
+    assert found is not None
+    return found
 
 
-@pytest.mark.nightly
+def test_a_checkpoint_is_read_as_written(folder: Path, states: list[State], arrays_of: ArraysOf) -> None:
+    assert read_checkpoint(folder, CONFIG) is None
+    write(folder, states[2])
+    found = found_in(folder)
+    assert_same_state(replace(found.state, memory=states[2].memory), states[2], arrays_of)
+    assert str(found.rows) == str(rows(3))
+    assert found.best_policy is not None
+    assert found.best_policy.action_repeat == 2
+    assert found.given is not None
+    assert found.given.action_repeat == 3
+
+
+DAMAGED = r"checkpoint\.npz: expected an intact checkpoint, got a damaged one .*\. Restore the file, or train in"
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_disk")
-def test_a_truncated_checkpoint_is_skipped_with_a_warning(
-    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, path = write(folder, *states[:2])
+def test_a_truncated_checkpoint_is_rejected_in_one_line(folder: Path, states: list[State]) -> None:
+    path = write(folder, states[1])
     whole = path.read_bytes()
-    for length in range(len(whole)):
+    for length in range(0, len(whole), 7):
         path.write_bytes(whole[:length])
-        assert newest(folder) == 1
-        err = capsys.readouterr().err
-        assert err.startswith(f"warning: {path}: skipped (damaged, ")
-        assert err.count("\n") == 1
+        with pytest.raises(ValueError, match=DAMAGED) as refusal:
+            read_checkpoint(folder, CONFIG)
+        assert "\n" not in str(refusal.value)
     path.write_bytes(whole)
-    assert newest(folder) == 2
-    assert capsys.readouterr().err == ""
+    assert found_in(folder).state.iterations == 2
 
 
 @pytest.mark.usefixtures("quick_disk")
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_flipped_bit_is_detected_or_harmless(
-    folder: Path, states: list[State], arrays_of: ArraysOf, capsys: pytest.CaptureFixture[str], data: st.DataObject
+    folder: Path, states: list[State], arrays_of: ArraysOf, data: st.DataObject
 ) -> None:
-    _, path = write(folder, *states[:2])
+    path = write(folder, states[1])
     content = bytearray(path.read_bytes())
     content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     path.write_bytes(content)
-    found = Checkpoints(folder, CONFIG).newest()
-    assert found is not None
-    state = found.state
-    written = states[state.iterations - 1]
-    assert_same_state(replace(state, memory=written.memory), written, arrays_of)
-    assert (f"warning: {path}: skipped (" in capsys.readouterr().err) is (state.iterations == 1)
+    with suppress(ValueError):
+        assert_same_state(replace(found_in(folder).state, memory=states[1].memory), states[1], arrays_of)
 
 
 @pytest.mark.usefixtures("quick_disk")
 def test_a_flipped_bit_in_an_array_is_always_detected(folder: Path, states: list[State]) -> None:
-    _, path = write(folder, *states[:2])
+    path = write(folder, states[1])
     whole = path.read_bytes()
     for array in (states[1].policy.mean.weights, states[1].policy.mean.centres):
         begin = whole.index(array.tobytes())
         for place in range(begin, begin + array.nbytes):
             path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-            assert newest(folder) == 1
+            with pytest.raises(ValueError, match=DAMAGED):
+                read_checkpoint(folder, CONFIG)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"text\n", packed({"about": np.array(b"{}")}), packed({})])
-def test_files_that_are_not_checkpoints_are_skipped(
-    folder: Path, states: list[State], content: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, path = write(folder, *states[:2])
-    path.write_bytes(content)
-    assert newest(folder) == 1
-    assert f"warning: {path}: skipped (damaged, " in capsys.readouterr().err
+def test_a_file_that_is_not_a_checkpoint_is_rejected(folder: Path, content: bytes) -> None:
+    (folder / FILE).write_bytes(content)
+    with pytest.raises(ValueError, match=DAMAGED):
+        read_checkpoint(folder, CONFIG)
 
 
-def test_missing_checkpoints_give_no_state_but_only_damaged_ones_raise(
-    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert newest(folder) is None
-    for path in write(folder, *states[:2]):
-        path.write_bytes(b"")
-    with pytest.raises(
-        ValueError, match=r"2\.npz: expected an intact checkpoint to resume from, got damaged ones only"
-    ):
-        newest(folder)
-    assert capsys.readouterr().err.count(": skipped (") == 2
-
-
-def test_a_damaged_checkpoint_before_an_intact_last_one_is_named(folder: Path, states: list[State]) -> None:
-    before, last = write(folder, *states)[-2:]
-    before.write_bytes(b"")
-    expected = (
-        f"{before}: expected an intact checkpoint from before the last iteration, got a damaged one and {last.name}"
-    )
-    with pytest.raises(ValueError, match=re.escape(expected)):
-        newest(folder)
-
-
-def test_the_last_iteration_is_repeated(folder: Path, states: list[State]) -> None:
-    write(folder, *states)
-    assert files(folder) == ["0000003.npz", "0000004.npz"]
-    assert [newest(folder, config) for config in (CONFIG, changed(iterations=9))] == [3, 4]
-    with pytest.raises(ValueError, match="iterations: expected at least 4, the number of finished iterations, got 3"):
-        newest(folder, changed(iterations=3))
-
-
-def test_file_names_sort_by_iteration(folder: Path, states: list[State]) -> None:
-    config = replace(CONFIG, training=replace(TINY, iterations=10**6))
-    write(folder, *(replace(states[0], iterations=n) for n in (99_999, 100_000)), config=config)
-    assert newest(folder, config) == 100_000
+def test_fewer_iterations_than_finished_are_rejected(folder: Path, states: list[State]) -> None:
+    write(folder, states[2])
+    assert [found_in(folder, changed(iterations=n)).state.iterations for n in (4, 9)] == [3, 3]
+    with pytest.raises(ValueError, match="iterations: expected at least 4, more than the finished ones, got 3"):
+        read_checkpoint(folder, changed(iterations=3))
 
 
 def changed(**changes: Any) -> Config:
@@ -256,45 +226,22 @@ def changed(**changes: Any) -> Config:
 def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     folder: Path, states: list[State], config: Config, message: str
 ) -> None:
-    *_, path = write(folder, *states)  # including the last iteration, from which no run resumes
+    path = write(folder, states[2])
     with pytest.raises(ValueError, match=message) as refusal:
-        newest(folder, config)
+        read_checkpoint(folder, config)
     assert str(refusal.value).startswith(f"{path}: ")
     assert "\n" not in str(refusal.value)
 
 
 def test_a_removed_option_is_rejected(folder: Path, states: list[State]) -> None:
-    write(folder, *states, config=replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": [1, {"a": 2.5}]})))
+    write(folder, states[2], replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": [1, {"a": 2.5}]})))
     with pytest.raises(ValueError, match=r"environment\.options\.start: expected .* got no such setting"):
-        newest(folder)
+        read_checkpoint(folder, CONFIG)
 
 
 def test_settings_without_effect_on_results_may_differ(folder: Path, states: list[State]) -> None:
-    write(folder, *states)
-    assert newest(folder, changed(iterations=5, timeout=1.0)) == 4
-
-
-def test_a_checkpoint_of_another_schema_is_rejected(folder: Path, states: list[State]) -> None:
-    path, *_ = write(folder, states[0])
-    arrays = unpacked(path.read_bytes())
-    about = arrays["about"].item().replace(b'"schema": 8', b'"schema": 9').replace(__version__.encode(), b"9.8.7")
-    path.write_bytes(packed({"about": np.array(about)}))
-    with pytest.raises(ValueError, match=r"a checkpoint of schema 8, got schema 9. Resume with rkhs_ros 9\.8\.7"):
-        newest(folder)
-
-
-@pytest.mark.parametrize("count", [b'"3"', b"null", b"-1", b"3.0"])
-def test_a_checkpoint_with_invalid_counts_is_skipped(
-    folder: Path, states: list[State], capsys: pytest.CaptureFixture[str], count: bytes
-) -> None:
-    *_, path = write(folder, *states[:3])
-    for name in (b"iterations", b"explored"):
-        arrays = unpacked(path.read_bytes())
-        about = re.sub(b'("%s": )\\d+([,}](?!.*"%s"))' % (name, name), rb"\g<1>%s\g<2>" % count, arrays["about"].item())
-        assert about != arrays["about"].item()
-        path.write_bytes(packed({**arrays, "about": np.array(about)}))
-        assert newest(folder) == 2
-        assert "counts: expected whole numbers >= 0, got" in capsys.readouterr().err
+    write(folder, states[3])
+    assert found_in(folder, changed(iterations=5, timeout=1.0)).state.iterations == 4
 
 
 class Clock:
@@ -320,52 +267,43 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_the_disk_is_synced_once_a_second(folder: Path, states: list[State], synced: list[str]) -> None:
+def test_a_checkpoint_is_written_at_most_once_a_second_and_at_the_end_always_on_the_disk(
+    folder: Path, states: list[State], synced: list[str]
+) -> None:
     clock = Clock()
-    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
-    due = []
-    for k, clock.now in enumerate((0.2, 0.99, 1.0, 1.5, 1.99, 2.0, 2.5, 7.0, 7.5), 1):
-        checkpoints.write(replace(states[0], iterations=k), rows(k))
+    checkpoints = Checkpoints(folder, changed(iterations=99), clock=clock)
+    written = []
+    for k, clock.now in enumerate((0.2, 0.99, 1.2, 1.5, 1.99, 2.3, 2.5, 7.0, 7.5), 1):
+        checkpoints.add(Checkpoint(replace(states[0], iterations=k), rows(k)))
         if synced:
-            assert synced == [FILE, f"{k:07}.npz.part", "checkpoints"]
-            due.append(clock.now)
+            assert synced == [RECORDING, f"{FILE}.part", folder.name]
         synced.clear()
-    assert due == [1.0, 2.0, 7.0]
+        written.append(found_in(folder, changed(iterations=99)).state.iterations)
+    assert written == [1, 1, 3, 3, 3, 6, 6, 8, 8]
+    checkpoints.close()
+    assert found_in(folder, changed(iterations=99)).state.iterations == 9
+    synced.clear()
+    checkpoints.close()
+    assert synced == []
 
 
-def test_the_last_two_and_the_newest_synced_checkpoints_stay(folder: Path, states: list[State]) -> None:
-    clock = Clock()
-    checkpoints = Checkpoints(folder, CONFIG, clock=clock)
-    stored = []
-    for k, clock.now in enumerate((0.0, 0.1, 0.2, 1.0, 1.1, 1.2, 1.3, 2.1, 3.2, 3.3), 1):
-        checkpoints.write(replace(states[0], iterations=k), rows(k))
-        stored.append([int(name[:7]) for name in files(folder)])
-    assert stored == [[1], [1, 2], [2, 3], [3, 4], [4, 5], [4, 5, 6], [4, 6, 7], [7, 8], [8, 9], [9, 10]]
-
-
-def test_the_checkpoint_of_a_resumed_run_is_synced(folder: Path, states: list[State], synced: list[str]) -> None:
-    write(folder, *states[:2])
-    checkpoints = Checkpoints(folder, CONFIG, clock=Clock())
-    checkpoints.resume_from(states[0])
-    assert synced == ["0000001.npz", "checkpoints"]
-    assert files(folder) == ["0000001.npz"]
-    for k in (2, 3, 4, 5):
-        checkpoints.write(replace(states[0], iterations=k), rows(k))
-    assert files(folder) == ["0000001.npz", "0000004.npz", "0000005.npz"]
-
-
-def test_an_incomplete_file_is_ignored_and_deleted(folder: Path, states: list[State]) -> None:
-    (one,) = write(folder, states[0])
-    for name in ("0000001.npz.part", "0000002.npz.part", "0000009.npz.part"):
-        (folder / "checkpoints" / name).write_bytes(one.read_bytes())
-    checkpoints = Checkpoints(folder, CONFIG)
-    assert newest(folder) == 1
-    checkpoints.resume_from(states[0])
-    checkpoints.write(states[1], rows(2))
-    assert files(folder) == ["0000001.npz", "0000002.npz"]
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_an_interrupted_write_keeps_the_earlier_checkpoint(folder: Path, states: list[State], call: str) -> None:
+    """Kill a process at a system call of its second checkpoint."""
+    path = write(folder, states[0])
+    before = path.read_bytes()
+    if (child := os.fork()) == 0:
+        setattr(os, call, lambda *arguments, **options: os.kill(os.getpid(), signal.SIGKILL))
+        write(folder, states[1])
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert path.read_bytes() == before
+    assert (folder / f"{FILE}.part").exists()
+    write(folder, states[1])
+    assert found_in(folder).state.iterations == 2
+    assert not (folder / f"{FILE}.part").exists()
 
 
 def test_checkpoints_contain_no_pickle(folder: Path, states: list[State]) -> None:
-    (path,) = write(folder, states[0])
-    with np.load(path, allow_pickle=False) as file:
+    with np.load(write(folder, states[0]), allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)

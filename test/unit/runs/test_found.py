@@ -11,8 +11,10 @@ import pytest
 from rkhs_ros.learning.found import Known, settings_of
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.config_comments import FOUND, found_comments
 from rkhs_ros.runs.curve import Curve
@@ -79,7 +81,7 @@ def test_an_initial_policy_brings_settings_that_were_not_found(
 ) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    (folder / "first_policy.npz").write_bytes((whole / "policy.npz").read_bytes())
+    start_from(folder, CONFIG, load_policy(whole / "policy.npz")[0])
     run_training(CONFIG, runner(), folder)
     assert comments(folder) == [comments(whole)[0].replace("found in iteration 1", "from the initial policy")]
     assert "found" not in capsys.readouterr().err

@@ -84,11 +84,11 @@ def test_a_run_without_a_model_is_refused(tmp_path: Path) -> None:
         _ = result.model
 
 
-def test_a_folder_without_an_intact_checkpoint_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_finished_iteration_is_refused(tmp_path: Path) -> None:
     folder = run_in(tmp_path / "run", *OF_MODEL)
-    for file in (folder / "checkpoints").glob("*.npz"):
-        file.write_bytes(b"damaged")
-    with pytest.raises(ValueError, match=r"checkpoints: expected an intact checkpoint, got none$"):
+    file = folder / "recording.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 20])
+    with pytest.raises(ValueError, match=r"recording\.mcap: expected at least one finished iteration, got none$"):
         load_model(folder)
     with pytest.raises(ValueError, match="expected the folder of a run"):
         load_model(tmp_path)

@@ -1,5 +1,4 @@
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +16,7 @@ import pytest
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
-from rkhs_ros.policies.storage import read_policy, unpacked
+from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -59,7 +58,7 @@ def resumed(folder: Path, config: Config = CONFIG) -> Path:
 
 def results(folder: Path) -> dict[str, object]:
     """Return the bytes of a run's results, without the measured seconds."""
-    assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "checkpoints", "recording.mcap"}
+    assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "checkpoint.npz", "lock", "recording.mcap"}
     found: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
     lines = (folder / "curve.csv").read_text().splitlines()
     found["curve.csv"] = [line.rpartition(",")[0] for line in lines]
@@ -108,21 +107,15 @@ def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole:
 
 
 @pytest.mark.parametrize("content", [b"damaged", None])
-def test_a_lost_best_policy_is_reported_and_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+def test_a_lost_best_policy_is_restored_from_the_checkpoint(
+    tmp_path: Path, whole: dict[str, object], content: bytes | None
 ) -> None:
     folder = stopped(tmp_path / "run", 4)
     best = folder / "best_policy.npz"
     best.unlink()
     if content is not None:
         best.write_bytes(content)
-    resumed(folder)
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"warning: {best}: expected ")
-    assert line.endswith(". The best policy of the next iterations replaces it")
-    assert read_policy(best).task == CONFIG.task
-    resumed(folder)
-    assert capsys.readouterr().err == ""
+    assert results(resumed(folder)) == whole
 
 
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
@@ -142,47 +135,33 @@ def test_an_extended_run_equals_a_run_with_more_iterations(tmp_path: Path) -> No
 def test_fewer_iterations_than_finished_are_rejected(tmp_path: Path) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     before = contents(folder)
-    with pytest.raises(ValueError, match="iterations: expected at least 4, the number of finished iterations, got 2"):
+    with pytest.raises(ValueError, match="iterations: expected at least 4, more than the finished ones, got 2"):
         resumed(folder, longer(2))
     assert contents(folder) == before
 
 
-def test_damaged_checkpoints_do_not_change_the_results(
-    tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "missing"])
+def test_a_run_without_an_intact_checkpoint_is_rejected_and_unchanged(
+    rkhs: Cli, tmp_path: Path, is_damaged: bool
 ) -> None:
     folder = stopped(tmp_path / "run", 6)
-    for number, path in enumerate(sorted((folder / "checkpoints").glob("*.npz"), reverse=True), 1):
-        copy = tmp_path / f"copy{number}"
-        subprocess.run(["cp", "-r", folder, copy], check=True)
-        capsys.readouterr()
-        assert results(resumed(copy)) == whole
-        assert capsys.readouterr().err.count(": skipped (damaged, ") == number - 1
-        path.write_bytes(path.read_bytes()[:-1])
-    assert number >= 2  # one more if an earlier one was synced
-
-
-def test_a_run_without_an_intact_checkpoint_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
-    folder = stopped(tmp_path / "run", 6)
-    checkpoints = list((folder / "checkpoints").glob("*.npz"))
-    for path in checkpoints:
-        path.write_bytes(path.read_bytes()[:-1])
+    path = folder / "checkpoint.npz"
+    content = path.read_bytes()
+    path.unlink()
+    if is_damaged:
+        path.write_bytes(content[:-1])
     before = contents(folder)
-    code, out, err = rkhs("train", "--resume", "run", *INLINE)
-    *warnings, refusal = err.splitlines()
-    assert (code, out, len(warnings)) == (2, "", len(checkpoints))
-    assert "run/checkpoints/0000003.npz: expected an intact checkpoint to resume from, got damaged ones only" in refusal
+    expected = "an intact checkpoint, got a damaged one" if is_damaged else "the checkpoint of curve.csv, policy.npz"
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), f"run/checkpoint.npz: expected {expected}")
     assert contents(folder) == before
 
 
-def test_a_run_without_checkpoints_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
-    folder = stopped(tmp_path / "run", 6)
-    for path in (folder / "checkpoints").glob("*.npz"):
-        path.unlink()
-    before = contents(folder)
-    assert_refused(
-        rkhs("train", "--resume", "run", *INLINE), "run/checkpoints: expected the checkpoints of run/policy.npz"
-    )
-    assert contents(folder) == before
+def test_a_resume_from_an_earlier_checkpoint_gives_the_same_results(tmp_path: Path, whole: dict[str, object]) -> None:
+    folder = stopped(tmp_path / "run", 2)
+    earlier = (folder / "checkpoint.npz").read_bytes()
+    run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)
+    (folder / "checkpoint.npz").write_bytes(earlier)  # like a run that was killed within a second
+    assert results(resumed(folder)) == whole
 
 
 def test_seconds_and_the_bar_continue_after_resume(
@@ -209,16 +188,6 @@ def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r"expected the folder of a run, got (none|no such folder)"):
             run_training(CONFIG, Stopping(), no_run, quiet=True, resume=True)
     assert list(tmp_path.iterdir()) == [folder]
-
-
-def test_a_folder_with_a_policy_but_no_checkpoint_does_not_resume(tmp_path: Path) -> None:
-    folder = stopped(tmp_path / "run", 6)
-    shutil.rmtree(folder / "checkpoints")
-    (folder / "curve.csv").unlink()
-    (folder / "policy.npz").write_bytes(b"a policy")
-    with pytest.raises(ValueError, match=r"run/checkpoints: expected the checkpoints of .*/policy\.npz, got none"):
-        resumed(folder)
-    assert (folder / "policy.npz").read_bytes() == b"a policy"
 
 
 ROWS = [
@@ -309,7 +278,7 @@ def test_a_run_resumes_with_other_versions_and_records_them(
     assert (code, err) == (0, f"{before}the results may differ from those of an uninterrupted run\n")
     began, went_on, *_ = (folder / "config.yaml").read_text().splitlines()
     assert began.startswith("# Python 3.")
-    assert went_on.startswith("# from iteration 3: Python 3.")
+    assert went_on.startswith("# from iteration 2: Python 3.")  # the last one repeats
     assert "numpy 1.2.3, " in went_on
     first, second = read_recording(folder).heads
     assert first.versions != second.versions
@@ -326,9 +295,10 @@ def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
     (tmp_path / "run" / "policy.npz").rmdir()
     assert {path.name for path in (tmp_path / "run").iterdir()} == {
         "best_policy.npz",
-        "checkpoints",
+        "checkpoint.npz",
         "config.yaml",
         "curve.csv",
+        "lock",
         "recording.mcap",
     }
 
@@ -388,7 +358,7 @@ def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
     disk(-1)
     if (tmp_path / "run" / "config.yaml").exists():
         code, _, err = rkhs("train", "--resume", "run", *INLINE)
-        assert (code, err) in ((0, ""), (0, "note: run: no checkpoint to resume from; the run restarts\n"))
+        assert (code, err) == (0, "")
         assert results(tmp_path / "run") == results(tmp_path / "whole")
 
 
@@ -419,7 +389,8 @@ def test_the_last_intact_checkpoint_survives_a_full_disk(
     disk(-1)
     assert_whole(folder)
     assert len(Curve(folder / "curve.csv").rows()) == 2
-    assert results(run_training(CONFIG, Stopping(4), folder, quiet=True, resume=True)) == whole
+    left = Stopping(6)  # the full disk could not take the checkpoint of the second iteration
+    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
 @pytest.mark.parametrize("out", ["/proc/run", "file/below", "file"])
@@ -430,10 +401,10 @@ def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Pat
 
 def test_a_folder_that_cannot_be_written_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
     stopped(tmp_path / "run", 5)
-    (tmp_path / "run" / "checkpoints").rename(tmp_path / "aside")
-    (tmp_path / "run" / "checkpoints").touch()
+    (tmp_path / "run" / "lock").unlink()
+    (tmp_path / "run" / "lock").mkdir()
     before = contents(tmp_path / "run")
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/checkpoints")
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/lock")
     assert contents(tmp_path / "run") == before
 
 
@@ -557,15 +528,3 @@ def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path: Path) 
     killed(first, run, 5, 0.0)
     third = started("--resume", run, "--iterations", lines(run) + 5)
     assert (third.communicate()[1], third.returncode) == ("", 0)
-
-
-def test_a_run_without_checkpoints_does_not_restart_in_another_environment(tmp_path: Path) -> None:
-    folder = stopped(tmp_path / "run", 4)
-    for path in (folder / "checkpoints").iterdir():
-        path.unlink()
-    before = {path: path.read_bytes() for path in folder.glob("*.*")}
-    other = replace(CONFIG, environment=Environment("rkhs/Pendulum-v0", {"angle": "wrap"}))
-    expected = r"environment: expected rkhs/Toy-v0 with options \{\} as at the start of the run, got rkhs/Pendulum-v0"
-    with pytest.raises(ValueError, match=expected):
-        run_training(other, Stopping(), folder, quiet=True, resume=True)
-    assert {path: path.read_bytes() for path in folder.glob("*.*")} == before

@@ -116,7 +116,6 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     whole = {path: results(path) for path in seed_folders(started_runs)}
     finished, unfinished, missing = seed_folders(started_runs)
     Curve(unfinished / "curve.csv").begin(Curve(unfinished / "curve.csv").rows()[:1])
-    (unfinished / "checkpoints" / "0000002.npz").unlink()
     for path in missing.rglob("*"):
         if path.is_file() and path.name != "config.yaml":
             path.unlink()
@@ -167,7 +166,7 @@ def test_all_failed_seeds_are_reported(rkhs: Run, started_runs: Path) -> None:
 def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", *map(str, arguments), "--jobs", "2"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    while not list(folder.glob("seed_*/checkpoints/*.npz")):
+    while not list(folder.glob("seed_*/checkpoint.npz")):
         assert process.poll() is None
         time.sleep(0.02)
     return process

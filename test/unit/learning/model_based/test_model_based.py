@@ -30,11 +30,10 @@ from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.rkhs.posterior import Posterior
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.checkpoint import Checkpoints
+from rkhs_ros.runs.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import BEGINNING, Curve
 from rkhs_ros.runs.run import run_training
@@ -277,18 +276,16 @@ def test_an_interrupted_model_based_run_resumes_bit_identically(
 
 
 def test_the_state_contains_all_real_episodes_with_raw_observations(tmp_path: Path, arrays_of: ArraysOf) -> None:
-    (tmp_path / "checkpoints").mkdir()
-    (tmp_path / FILE).touch()
     collected = []
     for k, iteration in enumerate(train(CONFIG.training, Stopping()), 1):
         collected.append(iteration.exploration)
         whole = sum(collected[1:], start=collected[0])
         for f in fields(whole):
             np.testing.assert_array_equal(getattr(iteration.state.memory, f.name), getattr(whole, f.name))
-        Checkpoints(tmp_path, CONFIG).write(iteration.state, [BEGINNING] * k)
         if k == ITERATIONS:  # the last iteration is repeated
             break
-        found = Checkpoints(tmp_path, CONFIG).newest()
+        write_checkpoint(tmp_path, CONFIG, Checkpoint(iteration.state, [BEGINNING] * k))
+        found = read_checkpoint(tmp_path, CONFIG)
         assert found is not None
         state = replace(found.state, memory=iteration.state.memory)
         ours, theirs = arrays_of(state), arrays_of(iteration.state)
