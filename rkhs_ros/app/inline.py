@@ -10,7 +10,8 @@ from gymnasium import registry
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy

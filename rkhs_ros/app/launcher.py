@@ -167,24 +167,11 @@ def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: b
     document = config.parameters()
     if not simulated:
         document.pop(SIMULATED_ROBOT, None)
-    further: Further = {
-        "learner": {"output": str(folder), "resume": resume},
-        "robot": {"journal": journal_in(folder)},
-    }
+    further: Further = {"learner": {"output": str(folder), "resume": resume}}
+    folder.mkdir(parents=True, exist_ok=True)
     file = folder / "parameters.yaml"
     write_whole(file, for_all(dumped(document), further).encode())
     return file
-
-
-def journal_in(folder: Path) -> str:
-    """Create and return the folder, within the folder of a run, in which a robot stores its episodes.
-
-    Raises:
-        OSError: a file exists at this path.
-    """
-    journal = folder / "episodes"
-    journal.mkdir(parents=True, exist_ok=True)
-    return str(journal)
 
 
 def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,9 +23,9 @@ from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.diagnosis import Diagnosis
+from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.state import State, first_state
-from rkhs_ros.learning.training import Iteration
 from rkhs_ros.learning.training import train as iterations_of
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -37,7 +37,7 @@ from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import Checkpoint, read_checkpoint, start_from
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Row, columns
+from rkhs_ros.runs.curve import columns
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import is_started, new_folder
 from rkhs_ros.runs.run import training_steps
@@ -318,7 +318,7 @@ def _in_memory(run: _Prepared, quiet: bool) -> Steps:
         for iteration in iterations_of(training, runner, run.first):
             if iteration.evaluation_bound > highest:
                 highest, best = iteration.evaluation_bound, iteration.policy
-            rows.append(Row.of(iteration, time.monotonic() - began))
+            rows.append(iteration.row(time.monotonic() - began))
             final = None
             if iteration.number == training.iterations and best:
                 final = final_evaluation(training, runner, best, iteration.policy)

@@ -10,7 +10,7 @@ from math import inf, isnan, nan
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.policies.spaces import Spaces
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck

@@ -1,16 +1,16 @@
 """The training loop (Algorithm 1 of the paper), for in-process simulations and for nodes."""
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 from rkhs_ros.base.threads import one_thread
-from rkhs_ros.learning.algorithms.algorithm import Experience, Metrics
+from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.discovery.action_repeat import choose_action_repeat, correct_action_repeat
 from rkhs_ros.learning.discovery.angles import with_features
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.found import Known
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.real_experience import RealExperience, is_stuck
 from rkhs_ros.learning.model_based.settings import ModelBased
@@ -27,9 +27,7 @@ from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.kernels import Array
 
-UNDISCOUNTED = 1.0
 EARLIER = 5  # policies before the newest one that model-based training may return to
 MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploration episodes ahead; larger ones only cost memory
 
@@ -46,107 +44,6 @@ class Runner(Protocol):
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Run the episodes of a batch with the policy."""
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """One iteration of the training loop.
-
-    Attributes:
-        before: what was known about the task before the iteration.
-        state: state of the run after the iteration.
-        exploration: exploration episodes before the update.
-        exploration_returns: returns of these episodes, shape (N,).
-        evaluation: evaluation episodes after the update; empty in an iteration without evaluation.
-        evaluation_returns: returns of these episodes.
-        metrics: metrics of the update; with a model, of its last update.
-        model_return: validation return of the policy in the model; nan without a model.
-        model_error: error of the previous model on this iteration's episodes; nan if there was none.
-        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
-        tried: episodes in which the line search tried step sizes, in the order of collection.
-    """
-
-    before: Known
-    state: State
-    exploration: Episodes
-    exploration_returns: Array
-    evaluation: Episodes
-    evaluation_returns: Array
-    metrics: Metrics
-    model_return: float = float("nan")
-    model_error: float = float("nan")
-    optimistic: bool = False
-    tried: tuple[Episodes, ...] = ()
-
-    @property
-    def number(self) -> int:
-        """Number of the iteration, from 1."""
-        return self.state.iterations
-
-    @property
-    def episodes_used(self) -> int:
-        """Number of exploration episodes so far, including this iteration."""
-        return self.state.explored
-
-    @property
-    def known(self) -> Known:
-        """What is known about the task after the iteration."""
-        return Known(self.policy.action_repeat, self.policy.inputs)
-
-    @property
-    def steps_used(self) -> int:
-        """Number of environment steps of the exploration episodes so far."""
-        return self.state.steps
-
-    @property
-    def policy(self) -> GaussianPolicy:
-        """Policy after the update."""
-        return self.state.policy
-
-    @property
-    def exploration_return(self) -> float:
-        """Mean return of the exploration episodes."""
-        return float(self.exploration_returns.mean())
-
-    @property
-    def evaluation_return(self) -> float:
-        """Mean return of the evaluation episodes; nan in an iteration without evaluation."""
-        return float(self.evaluation_returns.mean()) if len(self.evaluation) else float("nan")
-
-    @property
-    def evaluation_return_sd(self) -> float:
-        """Standard deviation of the returns of the evaluation episodes; nan in an iteration without evaluation."""
-        return float(self.evaluation_returns.std()) if len(self.evaluation) else float("nan")
-
-    @property
-    def undiscounted_exploration_return(self) -> float:
-        """Mean undiscounted return of the exploration episodes."""
-        return float(self.exploration.returns(UNDISCOUNTED).mean())
-
-    @property
-    def undiscounted_evaluation_return(self) -> float:
-        """Mean undiscounted return of the evaluation episodes; nan in an iteration without evaluation."""
-        return float(self.evaluation.returns(UNDISCOUNTED).mean()) if len(self.evaluation) else float("nan")
-
-    @property
-    def evaluation_bound(self) -> float:
-        """Lower end of the interval of the evaluation return; nan in an iteration without evaluation."""
-        return lower_bound(self.evaluation_return, self.evaluation_return_sd, len(self.evaluation))
-
-
-def lower_bound(mean: float, sd: float, episodes: int) -> float:
-    r"""Return the mean of returns minus its standard error, or the mean of a single return.
-
-    .. math:: \bar R - \hat\sigma / \sqrt{M - 1}
-
-    The greatest of many means is often luck: a few very good episodes. Such episodes also widen the interval.
-
-    Args:
-        mean: mean return.
-        sd: standard deviation of the returns, without Bessel's correction.
-        episodes: number of returns M.
-    """
-    return mean - sd / math.sqrt(episodes - 1) if episodes > 1 else mean
 
 
 class Collector:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rkhs_ros.paper.experiment import Experiment, Panel
-from rkhs_ros.paper.table import Returns, Table
+from rkhs_ros.paper.reproduce import Returns, Table
 from rkhs_ros.pictures.known import references
 from rkhs_ros.pictures.style import draw_references, label, legend_above, looks, sheet, write
 from rkhs_ros.rkhs.kernels import Array

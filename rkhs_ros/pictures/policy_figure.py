@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.circle_axes import CircleAxes
+from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -210,3 +210,43 @@ def _unwrapped(path: Array) -> Array:
     """Return a path with gaps where a coordinate jumps through much of its range."""
     jumps = (np.abs(np.diff(path, axis=0)) > JUMP * np.ptp(path, axis=0)).any(axis=1) if len(path) > 3 else np.zeros(0)
     return np.insert(path, np.flatnonzero(jumps) + 1, np.nan, axis=0)
+
+
+@dataclass(frozen=True)
+class CircleAxes:
+    """Axes of a plot over points whose pairs of columns on a circle about 0 are one axis each.
+
+    Attributes:
+        state: columns of the points, with the pairs on a circle.
+        radii: radius of each circle.
+    """
+
+    state: StateCoordinates
+    radii: tuple[float, ...]
+
+    @classmethod
+    def of(cls, points: Array) -> CircleAxes:
+        """Find the pairs that lie on a circle at visited points, shape (k, d)."""
+        state = StateCoordinates.of(points)
+        return cls(state, tuple(float(np.hypot(points[:, i], points[:, j]).mean()) for i, j in state.circles))
+
+    def labels(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the axes, given the names of the columns."""
+        angles = {i: f"angle of ({names[i]}, {names[j]}) (rad)" for i, j in self.state.circles}
+        return tuple(angles.get(column, names[column]) for column in self.state.columns)
+
+    def angles(self, points: Array) -> Array:
+        """Return points of shape (k, d) on the axes, shape (k, axes)."""
+        turned = points.copy()
+        for i, j in self.state.circles:
+            turned[:, i] = np.arctan2(points[:, j], points[:, i])
+        return turned[:, self.state.columns]
+
+    def points(self, angles: Array) -> Array:
+        """Return the points, shape (k, d), at positions on the axes, shape (k, axes)."""
+        points = np.empty((len(angles), self.state.size))
+        points[:, self.state.columns] = angles
+        for (i, j), radius in zip(self.state.circles, self.radii, strict=True):
+            angle = points[:, i].copy()
+            points[:, i], points[:, j] = radius * np.cos(angle), radius * np.sin(angle)
+        return points

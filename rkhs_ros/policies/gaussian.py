@@ -9,9 +9,8 @@ import numpy as np
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import all_finite, pick, require, truncated
-from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.noise import FILTERS
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.inputs import Inputs, Window
+from rkhs_ros.policies.streams import FILTERS, Batch
 from rkhs_ros.policies.variance import ConstantVariance, Variance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
@@ -102,7 +101,7 @@ def mean_kl(mean: Array, before: Array, new: GaussianPolicy, observations: Array
 class Acting:
     """A policy that acts in one batch of episodes.
 
-    It stores the history and the held actions by decision, so that repeating a step returns the same actions.
+    It must be called for each step in order. Owns the window of past steps, and the actions that are held.
 
     Args:
         policy: the policy for the whole batch.
@@ -119,13 +118,14 @@ class Acting:
         self.policy = policy
         self.batch = batch
         self._explore = explore
-        self._require_capacity(max(batch.horizon * policy.mean.output_dim, *policy.mean.centres.shape))
-        self._mean = policy.mean.prepared()
-        variance = policy.variance
-        self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
-        self._columns = 0  # of the observations, not known yet
+        mean, variance = policy.mean, policy.variance
         self._decisions = policy.decisions(batch.horizon)
-        self._observations = self._actions = np.zeros((batch.num_envs, self._decisions, 0))
+        numbers = batch.num_envs * max(batch.horizon * mean.output_dim, *mean.centres.shape)
+        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers", numbers)
+        self._mean = mean.prepared()
+        self._constant_sd = np.sqrt(variance.values) if isinstance(variance, ConstantVariance) else None
+        self._window = Window(policy.inputs, mean.output_dim)
+        self._held = np.zeros((batch.num_envs, mean.output_dim))
 
     def __call__(self, step: int, observations: Array) -> Array:
         """Return the actions of a step, shape (num_envs, n), for observations of shape (num_envs, d).
@@ -134,37 +134,13 @@ class Acting:
             ValueError: the observations do not match the policy's inputs.
             RunError: an action is not finite.
         """
-        inputs = self.policy.inputs
-        decision, held = divmod(step, self.policy.action_repeat)
-        if observations.shape[1] != self._columns:
-            self._prepare(observations.shape[1])
-        if held:
-            return self._actions[:, decision].copy()
-        if inputs.history == 1:
-            self.points = inputs.features(observations)
-        else:
-            self._observations[:, decision] = observations
-            self.points = inputs.at(np.array([decision]), self._observations, self._actions)[:, 0]
-        actions = self._act(step, self.points)
-        if self.policy.has_memory:
-            self._actions[:, decision] = actions
-        return actions
-
-    def _prepare(self, columns: int) -> None:
-        """Check the dimension of the observations and allocate the history."""
-        mean, shape = self.policy.mean, (self.batch.num_envs, self._decisions)
-        size = self.policy.inputs.dimension(columns, mean.output_dim)
-        require(size == mean.input_dim, "points", f"{mean.input_dim} columns", size)
-        if self.policy.inputs.history > 1:
-            self._require_capacity(self._decisions * max(columns, mean.output_dim))
-            self._observations = np.zeros((*shape, columns))
-        if self.policy.has_memory:
-            self._actions = np.zeros((*shape, mean.output_dim))
-        self._columns = columns
-
-    def _require_capacity(self, per_episode: int) -> None:
-        numbers = self.batch.num_envs * per_episode
-        require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers", numbers)
+        if step % self.policy.action_repeat == 0:
+            self.points = self._window.observed(observations)
+            size = self.policy.mean.input_dim
+            require(self.points.shape[1] == size, "points", f"{size} columns", self.points.shape[1])
+            self._held = self._act(step, self.points)
+            self._window.acted(self._held)
+        return self._held.copy()
 
     @np.errstate(over="ignore", invalid="ignore")  # the check below reports environment and step
     def _act(self, step: int, points: Array) -> Array:

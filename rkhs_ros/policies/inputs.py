@@ -166,6 +166,42 @@ class Inputs(Settings):
         return np.array(choices), scale, float(np.sqrt(self.offset))
 
 
+class Window:
+    """The inputs of the current step of episodes that run.
+
+    Owns the last observations and actions. Before the start of an episode, it repeats the first observation with zero
+    actions.
+
+    Args:
+        inputs: the map to the inputs.
+        action_dim: dimension n of an action.
+    """
+
+    def __init__(self, inputs: Inputs, action_dim: int) -> None:
+        self._inputs = inputs
+        self._action_dim = action_dim
+        self._past: tuple[Array, Array] | None = None  # observations, one more than actions, and actions
+
+    def observed(self, observations: Array) -> Array:
+        """Return the inputs of a step, shape (num_envs, input_dim), for observations of shape (num_envs, d)."""
+        history, newest = self._inputs.history, observations[:, None]
+        if history == 1:
+            return self._inputs.features(observations)
+        if self._past is None:
+            actions = np.zeros((len(observations), history, self._action_dim))
+            self._past = np.repeat(newest, history + 1, axis=1), actions
+        else:
+            before, actions = self._past
+            self._past = np.concatenate([before[:, 1:], newest], axis=1), actions
+        return self._inputs.at(np.array([history]), *self._past)[:, 0]
+
+    def acted(self, actions: Array) -> None:
+        """Append the actions of the step, shape (num_envs, n)."""
+        if self._past is not None:
+            observations, before = self._past
+            self._past = observations, np.concatenate([before[:, 1:], actions[:, None]], axis=1)
+
+
 def _contiguous(points: Array) -> Array:
     """Return the inputs in C order, because another memory order can change the last bits of products."""
     return np.ascontiguousarray(points)

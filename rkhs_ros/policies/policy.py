@@ -1,6 +1,5 @@
 """A policy that acts one observation at a time, as in the loop of a Gymnasium environment."""
 
-from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.inputs import Window
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy, save_policy
 from rkhs_ros.rkhs.kernels import Array
@@ -34,6 +34,9 @@ class Policy:
         action = policy(observation)
     """
 
+    _held: Array | None  # mean actions of the last decision
+    _steps_held: int
+
     def __init__(self, gaussian: GaussianPolicy, task: Task, spaces: Spaces) -> None:
         mean = gaussian.mean
         inputs = gaussian.inputs.dimension(spaces.observation_dim, spaces.action_dim)
@@ -42,10 +45,7 @@ class Policy:
         self.gaussian = gaussian
         self.task = task
         self.spaces = spaces
-        self._observations: deque[Array] = deque(maxlen=gaussian.inputs.history + 1)
-        self._actions: deque[Array] = deque(maxlen=gaussian.inputs.history + 1)
-        self._held: Array | None = None  # mean actions of the last decision
-        self._steps_held = 0
+        self.reset()
 
     def __call__(self, observation: Any) -> NDArray[np.floating[Any]]:
         """Return the action, clipped to its bounds, in the task's shape and type.
@@ -63,7 +63,8 @@ class Policy:
             expected = f"a batch of {len(self._held)} as before, or reset() first"
             require(len(self._held) == len(rows), "observation", expected, len(rows))
         if self._held is None or self._steps_held >= self.gaussian.action_repeat:
-            self._held, self._steps_held = self._mean(rows), 0
+            self._held, self._steps_held = self.gaussian.mean(self._window.observed(rows)), 0
+            self._window.acted(self._held)
         self._steps_held += 1
         actions = self.spaces.shaped(self._held)
         return actions[0, ...] if one else actions
@@ -76,9 +77,8 @@ class Policy:
 
     def reset(self) -> None:
         """Clear the window and the repeated action before a new episode."""
-        self._observations.clear()
-        self._actions.clear()
-        self._held = None
+        self._window = Window(self.gaussian.inputs, self.spaces.action_dim)
+        self._held, self._steps_held = None, 0
 
     def save(self, path: str | Path) -> None:
         """Write the policy to a file for `load` and the nodes.
@@ -87,18 +87,6 @@ class Policy:
             OSError: the file cannot be written.
         """
         save_policy(Path(path), self.gaussian, self.task, self.spaces)
-
-    def _mean(self, rows: Array) -> Array:
-        """Return the unclipped mean actions, shape (batch, action_dim)."""
-        if self.gaussian.inputs.history == 1:
-            return self.gaussian.mean(self.gaussian.inputs.features(rows))
-        self._observations.append(rows)
-        self._actions.append(np.zeros((len(rows), self.spaces.action_dim)))  # placeholder for the action of this step
-        newest = np.array([len(self._observations) - 1])
-        observed, done = (np.stack(list(past), axis=1) for past in (self._observations, self._actions))
-        actions = self.gaussian.mean(self.gaussian.inputs.at(newest, observed, done)[:, 0])
-        self._actions[-1] = actions
-        return actions
 
 
 def load(path: str | Path) -> Policy:

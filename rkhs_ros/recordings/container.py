@@ -4,14 +4,11 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple, cast
 
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Chunk, DataEnd, Header, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
@@ -19,8 +16,6 @@ from rkhs_ros.base.files import MOST_BYTES, named, sync_to_disk
 from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # library field of our files
-HEADER_BYTES = 9  # opcode and length of a record
-END_BYTES = 4  # checksum in the record that ends the data
 ONE_MESSAGE = 1  # chunk size in bytes at which each message has its own chunk with a checksum
 
 
@@ -176,40 +171,39 @@ def read_messages(path: Path) -> Found:
         require(size <= MOST_BYTES, f"{path}", f"a recording of at most {MOST_BYTES} bytes", size)
         magic = file.read(len(MCAP0_MAGIC))
         require(magic == MCAP0_MAGIC, f"{path}", "an MCAP file", f"one that begins with {magic!r}")
-        at, ended = file.tell(), False
-        for code, content in records(file, size):
+        end = file.tell()
+        for begin, record in records(file, size):
+            end = file.tell()
             try:
-                found.messages += scan.messages(code, content)
+                found.messages += scan.messages(record)
             except Exception as error:  # a damaged record raises almost anything
                 what = " ".join(f"{type(error).__name__}: {error}".split())
-                found.lost += len(content)
-                found.faults.append(f"{len(content)} bytes at {at} skipped: damaged ({what})")
-            ended, at = is_end(code, content), file.tell()
+                found.lost += end - begin
+                found.faults.append(f"{end - begin} bytes at {begin} skipped: damaged ({what})")
     if scan.missing:
         found.faults.append(f"{scan.missing} messages are missing")
-    if not ended and size > at:
-        found.lost += size - at
-        found.faults.append(f"incomplete after {len(found.messages)} messages: {size - at} bytes at the end skipped")
+    if not scan.ended and size > end:
+        found.lost += size - end
+        found.faults.append(f"incomplete after {len(found.messages)} messages: {size - end} bytes at the end skipped")
     return found
 
 
-def records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each complete record, up to the `DATA_END` record or the end of the file."""
-    while file.tell() + HEADER_BYTES <= size:
+def records(file: IO[bytes], size: int) -> Iterator[tuple[int, McapRecord]]:
+    """Yield the position and content of each record, up to the first incomplete one.
+
+    Args:
+        file: file at the beginning of a record.
+        size: size of the file in bytes.
+    """
+    begin = file.tell()
+    reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records
+    while True:
+        try:
+            record = next(reader)
+        except Exception:  # an incomplete or damaged record raises almost anything
+            return
+        yield begin, record
         begin = file.tell()
-        header = file.read(HEADER_BYTES)
-        length = int.from_bytes(header[1:], "little")
-        if length > size - file.tell():
-            file.seek(begin)
-            return
-        yield header[0], (content := file.read(length))
-        if is_end(header[0], content):
-            return
-
-
-def is_end(code: int, content: bytes) -> bool:
-    """Return whether a record ends the data; a record of another size is an index with a damaged opcode."""
-    return code == Opcode.DATA_END and len(content) == END_BYTES
 
 
 class Scan:
@@ -220,27 +214,23 @@ class Scan:
 
     def __init__(self) -> None:
         self.missing = 0
+        self.ended = False  # whether the data are complete
         self._number = 0
         self._numbered = False
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def messages(self, code: int, content: bytes) -> list[Stored]:
-        """Return the messages in a record; most records contain none."""
-        stream = ReadDataStream(BytesIO(content))
-        if code == Opcode.HEADER:
-            self._numbered = Header.read(stream).library.startswith(LIBRARY)
-        if code == Opcode.CHUNK:
-            return [
-                message
-                for record in breakup_chunk(Chunk.read(stream), validate_crc=True)
-                for message in self._taken(record)
-            ]
-        if code == Opcode.SCHEMA:
-            return self._taken(Schema.read(stream))
-        if code == Opcode.CHANNEL:
-            return self._taken(Channel.read(stream))
-        return self._taken(Message.read(stream, len(content))) if code == Opcode.MESSAGE else []
+    def messages(self, record: McapRecord) -> list[Stored]:
+        """Return the messages in a record; most records contain none.
+
+        Raises:
+            Exception: the record is damaged.
+        """
+        if isinstance(record, Header):
+            self._numbered = record.library.startswith(LIBRARY)
+        self.ended = self.ended or isinstance(record, DataEnd)
+        parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+        return [message for part in parts for message in self._taken(part)]
 
     def _taken(self, record: McapRecord) -> list[Stored]:
         if isinstance(record, Schema):

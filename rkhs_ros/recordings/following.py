@@ -5,9 +5,10 @@ from io import SEEK_SET
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 
-from rkhs_ros.recordings.container import Scan, Stored, is_end, records
+from rkhs_ros.recordings.container import Scan, Stored, records
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
 
@@ -57,8 +58,8 @@ class Following:
         """
         with self.path.open("rb") as file:
             file.seek(place.offset, SEEK_SET)
-            for code, content in records(file, self.path.stat().st_size):
-                for stored, message in self._scanned(code, content):
+            for _, record in records(file, self.path.stat().st_size):
+                for stored, message in self._scanned(record):
                     if stored.kind == PACKAGE + place.kind and stored.time == place.time:
                         return message
                 break
@@ -72,17 +73,15 @@ class Following:
     def _read(self, size: int) -> Iterator[tuple[Place, Any]]:
         with self.path.open("rb") as file:
             file.seek(self._offset)
-            for code, content in records(file, size):
-                for stored, message in self._scanned(code, content):
-                    yield Place(self._offset, stored.kind.removeprefix(PACKAGE), stored.time), message
-                if is_end(code, content):  # the index after it has no checksum
-                    return
+            for begin, record in records(file, size):
+                for stored, message in self._scanned(record):
+                    yield Place(begin, stored.kind.removeprefix(PACKAGE), stored.time), message
                 self._offset = file.tell()
 
-    def _scanned(self, code: int, content: bytes) -> list[tuple[Stored, Any]]:
+    def _scanned(self, record: McapRecord) -> list[tuple[Stored, Any]]:
         """Return pairs of a stored and a deserialised message, for our messages in a record; none if it is damaged."""
         try:
-            ours = [each for each in self._scan.messages(code, content) if each.kind.startswith(PACKAGE)]
+            ours = [each for each in self._scan.messages(record) if each.kind.startswith(PACKAGE)]
             return [(each, decoded(each.content, each.kind, each.definition)) for each in ours]
         except Exception:  # a damaged record raises almost anything
             return []

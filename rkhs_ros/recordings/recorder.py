@@ -2,17 +2,15 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import fields
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
-from rkhs_ros.learning.algorithms.algorithm import Metrics
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.learning.training import Iteration
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import doubles, policy_message
 from rkhs_ros.policies.storage import policy_arrays
@@ -24,7 +22,6 @@ from rkhs_ros.recordings.recording import Head, Recording, head_fields
 
 TYPES = Types()
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
-METRICS = [f.name for f in fields(Metrics)]
 
 
 class Recorder:
@@ -95,20 +92,10 @@ class Recorder:
 
 def update_fields(iteration: Iteration) -> dict[str, Any]:
     """Return the fields of the message of an iteration, except the version of the policy."""
+    known = iteration.row(seconds=0.0)._asdict()
+    known.pop("seconds")  # the message has a time stamp
     return {
-        "iteration": iteration.number,
-        "episodes": iteration.episodes_used,
-        "steps": iteration.steps_used,
-        "evaluation_episodes": iteration.state.evaluated,
-        "exploration_return": iteration.exploration_return,
-        "exploration_return_sd": float(iteration.exploration_returns.std()),
-        "evaluation_return": iteration.evaluation_return,
-        "evaluation_return_sd": iteration.evaluation_return_sd,
-        "undiscounted_exploration_return": iteration.undiscounted_exploration_return,
-        "undiscounted_evaluation_return": iteration.undiscounted_evaluation_return,
-        **{name: getattr(iteration.metrics, name) for name in METRICS},
-        "model_return": iteration.model_return,
-        "model_error": iteration.model_error,
+        **known,
         "exploration_returns": doubles(iteration.exploration_returns),
         "evaluation_returns": doubles(iteration.evaluation_returns),
         "checksum": _checksum(iteration),

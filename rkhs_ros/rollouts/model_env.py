@@ -19,6 +19,7 @@ from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import fit_model, reward_margin
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.policies.inputs import Window
 from rkhs_ros.policies.spaces import Spaces
 
 Values = NDArray[np.floating[Any]]
@@ -111,12 +112,9 @@ class ModelEnv(gymnasium.Env[Values, Values]):
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Values, Info]:
         """Start an episode; without a seed, continue the random stream. Options are ignored."""
         super().reset(seed=seed)
-        history, spaces = self._dynamics.inputs.history, self._dynamics.spaces
-        first = self._dynamics.draw_start(self.np_random)
+        self._now = self._dynamics.draw_start(self.np_random)[None]
         self._draws, self._step = self._runner.draw([self.np_random], self._horizon), 0
-        # The observations of the window end with the current one; the entry before the window is unused.
-        self._observations = np.tile(first, (1, history + 1, 1))
-        self._actions = np.zeros((1, history, spaces.action_dim))
+        self._window = Window(self._dynamics.inputs, self._dynamics.spaces.action_dim)
         return self._observation(), {}
 
     def step(self, action: ArrayLike) -> tuple[Values, float, bool, bool, Info]:
@@ -128,21 +126,19 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         """
         if self._draws is None:
             raise ResetNeeded("step: cannot step before reset(); call reset() first")
-        given, inputs = np.asarray(action, dtype=np.float64), self._dynamics.inputs
-        size = self._dynamics.spaces.action_dim
+        given, size = np.asarray(action, dtype=np.float64), self._dynamics.spaces.action_dim
         good = given.size == size and bool(np.isfinite(given).all())
         require(good, "action", f"{size} finite numbers", given.tolist())
         flat = given.reshape(1, size)
-        now = inputs.at(np.array([inputs.history]), self._observations, self._actions)[:, 0]
-        made = self._runner.step(self._draws, np.array([self._step]), now, self._observations[:, -1], flat)
-        self._observations = np.concatenate([self._observations[:, 1:], made.final_observations[:, None]], axis=1)
-        self._actions = np.concatenate([self._actions[:, 1:], flat[:, None]], axis=1)
-        self._step += 1
+        inputs = self._window.observed(self._now)
+        self._window.acted(flat)
+        made = self._runner.step(self._draws, np.array([self._step]), inputs, self._now, flat)
+        self._now, self._step = made.final_observations, self._step + 1
         ends = bool(made.terminated[0]), self._step == self._horizon
         if any(ends):
             self._draws = None
         return self._observation(), float(made.rewards[0, 0]), *ends, {}
 
     def _observation(self) -> Values:
-        now: Values = self._observations[0, -1]
+        now: Values = self._now[0]
         return now.reshape(self.observation_space.shape or ()).copy()

@@ -11,12 +11,13 @@ import numpy as np
 from rkhs_ros.base.files import read_whole, sync_to_disk, write_whole
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import State
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Arrays, packed, policy_arrays, policy_of, unpacked
 from rkhs_ros.recordings.recording import FILE as RECORDING
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import KINDS, Row
+from rkhs_ros.runs.curve import KINDS
 
 FILE = "checkpoint.npz"
 WRITE_EVERY = 1.0  # seconds; waiting for the disk takes longer than many iterations

@@ -21,7 +21,7 @@ MOST_ENVS = 10_000
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE | {"robot_state"},
-    "robot": OF_ANY_NODE | {"journal", "simulated"},
+    "robot": OF_ANY_NODE | {"simulated"},
     "gate": OF_ANY_NODE,
     "simulated_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"policy_file"},

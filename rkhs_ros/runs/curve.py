@@ -1,66 +1,18 @@
 """Learning curve of a run in a file, with one line per iteration."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.files import named, read_whole, write_whole
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.learning.training import Iteration
+from rkhs_ros.learning.iteration import Row
 
 END = "\r\n"
 PACE_OF = 20  # last iterations, whose mean duration predicts the rest
-
-
-class Row(NamedTuple):
-    """One line of curve.csv."""
-
-    iteration: int
-    episodes: int
-    steps: int
-    evaluation_episodes: int
-    exploration_return: float
-    exploration_return_sd: float
-    evaluation_return: float
-    evaluation_return_sd: float
-    undiscounted_exploration_return: float
-    undiscounted_evaluation_return: float
-    centres: int
-    step_size: float
-    kl: float
-    sparsification_error: float
-    model_return: float
-    model_error: float
-    seconds: float
-
-    @classmethod
-    def of(cls, iteration: Iteration, seconds: float) -> Row:
-        """Return the line of an iteration that finished a number of seconds after the start."""
-        metrics = iteration.metrics
-        return cls(
-            iteration=iteration.number,
-            episodes=iteration.episodes_used,
-            steps=iteration.steps_used,
-            evaluation_episodes=iteration.state.evaluated,
-            exploration_return=iteration.exploration_return,
-            exploration_return_sd=float(iteration.exploration_returns.std()),
-            evaluation_return=iteration.evaluation_return,
-            evaluation_return_sd=iteration.evaluation_return_sd,
-            undiscounted_exploration_return=iteration.undiscounted_exploration_return,
-            undiscounted_evaluation_return=iteration.undiscounted_evaluation_return,
-            centres=metrics.centres,
-            step_size=float(metrics.step_size),
-            kl=float(metrics.kl),
-            sparsification_error=float(metrics.sparsification_error),
-            model_return=iteration.model_return,
-            model_error=iteration.model_error,
-            seconds=seconds,
-        )
 
 
 NAN = float("nan")

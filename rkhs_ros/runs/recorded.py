@@ -13,9 +13,10 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Record
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import State, remembered
-from rkhs_ros.learning.training import Iteration, Runner
+from rkhs_ros.learning.training import Runner
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces

@@ -8,9 +8,10 @@ import numpy as np
 
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import State, first_state
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.spaces import Spaces

@@ -11,14 +11,14 @@ from shlex import quote
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.training import Iteration, lower_bound
+from rkhs_ros.learning.iteration import Iteration, Row, lower_bound
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
 from rkhs_ros.rollouts.final_evaluation import FinalEvaluation
 from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.provenance import provenance_lines
 
 CONFIGURATION = "config.yaml"
@@ -138,7 +138,7 @@ class Report:
         Raises:
             OSError: a file cannot be written.
         """
-        row = Row.of(iteration, time.monotonic() - self._began)
+        row = iteration.row(time.monotonic() - self._began)
         self._curve.append(row)
         self.rows.append(row)
         self._save_if_best(iteration)

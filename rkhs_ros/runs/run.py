@@ -8,14 +8,14 @@ from rkhs_ros.base.lock import locked
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
 from rkhs_ros.learning.execution import discard
+from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.state import first_state
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rollouts.final_evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import FILE, REMEDY, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import Report, advice_in, begin, is_started, new_folder, old_folder

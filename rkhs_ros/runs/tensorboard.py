@@ -18,7 +18,7 @@ from typing import Any
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.base.files import named
 from rkhs_ros.base.validation import require_extra
-from rkhs_ros.runs.curve import Row
+from rkhs_ros.learning.iteration import Row
 
 FOLDER = "tensorboard"
 

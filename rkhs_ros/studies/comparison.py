@@ -12,10 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from rkhs_ros.base.validation import require, truncated
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.aggregates import Aggregates, Estimate, aggregates, mean_over_runs
 
 NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs

@@ -6,18 +6,21 @@ import csv
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
 from io import StringIO
 from itertools import product
 from math import inf, prod
+from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import dumped, loaded
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import Row
+from rkhs_ros.runs.provenance import provenance
 
 MOST_POINTS = 10_000
 OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable
@@ -141,3 +144,14 @@ def _columns(thresholds: Sequence[float], space: str) -> list[str]:
 
 def _flat(outcome: Outcome) -> list[float]:
     return [outcome.final, outcome.best, *outcome.episodes_to]
+
+
+def indexed_folder(folder: Path, config: Config) -> Path:
+    """Return the folder of a run within the folder of its study, named by a hash of settings and provenance.
+
+    Args:
+        folder: folder of the study.
+        config: configuration of the run.
+    """
+    key = dumped(config.parameters()) + dumped(provenance())
+    return folder / "runs" / blake2b(key.encode(), digest_size=12).hexdigest()

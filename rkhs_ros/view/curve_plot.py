@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from viser import GuiApi
 
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.curve import Row
 
 MAX_POINTS = 1000
 PADDING_PX = 8  # above and beside the plot, for the outermost tick labels

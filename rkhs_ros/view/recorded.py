@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.following import Following, Place
 from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording_file, recording_of
 from rkhs_ros.runs.config import load_config, robot_nodes
-from rkhs_ros.runs.curve import Row
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.source import IterationView, model_rollout_function

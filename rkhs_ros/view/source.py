@@ -7,12 +7,12 @@ from typing import Any, NamedTuple, Protocol
 
 from rkhs_ros.base.lock import is_locked
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.model_based.settings import ModelBased, ModelSettings
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.runs.curve import Row
 
 MODEL_ROLLOUTS = 3  # per iteration
 RUNNING, FINISHED, ENDED = "running", "finished", "not running"

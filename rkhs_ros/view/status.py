@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from math import isnan
 
-from rkhs_ros.runs.curve import Row, seconds_left
+from rkhs_ros.learning.iteration import Row
+from rkhs_ros.runs.curve import seconds_left
 from rkhs_ros.runs.report import advice_in
 from rkhs_ros.view.source import RUNNING, Source
 

@@ -10,8 +10,7 @@ from gymnasium.envs.registration import register
 from sim_nodes.envs.ball_on_beam import BallOnBeam
 from sim_nodes.envs.cart_pole import CartPole
 from sim_nodes.envs.furuta import Furuta
-from sim_nodes.envs.pendulum import Pendulum
-from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
+from sim_nodes.envs.pendulum import Pendulum, PendulumPOMDP
 from sim_nodes.envs.tanks import Tanks
 from sim_nodes.envs.toy import Toy
 from sim_nodes.envs.vector_task import SingleTask, VectorTask

@@ -13,8 +13,9 @@ import pytest
 
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.kernel_choice import KERNELS
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms

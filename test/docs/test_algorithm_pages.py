@@ -7,7 +7,7 @@ import pytest
 
 from rkhs_ros.learning.algorithms.algorithm import Metrics
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.runs.curve import Row
+from rkhs_ros.learning.iteration import Row
 from test.docs.pages import ROOT, links
 
 PAGES = ROOT / "docs" / "algorithms"

@@ -12,13 +12,13 @@ import pytest
 
 from rkhs_ros.app.cli import parser_of
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
-from rkhs_ros.runs.curve import Row
 from test.docs.pages import (
     INTO,
     NOT_RUN,

@@ -56,4 +56,4 @@ def test_the_table_lists_all_settings() -> None:
             full = prefix + name if name.startswith(".") else name
             prefix = full.rpartition(".")[0]
             listed.add(full)
-    assert listed == {entry.name for entry in task.entries()} | {"journal"}
+    assert listed == {entry.name for entry in task.entries()}

@@ -3,7 +3,6 @@
 import os
 import signal
 from collections.abc import Callable, Iterator
-from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,13 @@ import pytest
 from rclpy.node import Node
 
 from rkhs_interfaces.msg import Command, GateState
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.journal import Journal
-from rkhs_ros.robot.task import robot_task_from
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.replay import replay
 from test.faults.runs import arrays
 from test.faults.test_kills import MOST_KILLS
 from test.ros.conftest import ROOT, Probe, Process, kill, nodes_of, probe
@@ -46,22 +42,6 @@ AT_SPEED = (
 PLAIN = ("model={form: none}", "algorithm={name: rkhs_nac}")
 
 
-class Recorded:
-    """Returns the episodes of a journal; the training loop over it repeats the run that wrote it."""
-
-    def __init__(self, folder: Path, config: Path) -> None:
-        self.spaces = robot_task_from(load_config(config).environment.nodes["robot"]).spaces
-        self._journal = Journal(folder)
-
-    def capacity(self, num_envs: int) -> int:
-        return 1
-
-    def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        first, *others = (self._journal.find(part) for part in batch.parts(1))
-        assert first is not None
-        return sum((other.episodes for other in others if other is not None), start=first.episodes)
-
-
 class Watch:
     """Records the commands and the state of the gate."""
 
@@ -76,10 +56,11 @@ class Watch:
         return self.states[-1:] == ["moving"] and len(self.commands) > 3 and not any(c.hold for c in self.commands[-3:])
 
 
-def digests(journal: Path) -> dict[str, str]:
-    """Return the kind and number of each finished episode, from the names of the files."""
-    files = [file for file in journal.glob("*.npz") if "_discarded_" not in file.name]
-    return {file.name: blake2b(file.read_bytes()).hexdigest() for file in files}
+def attempts(folder: Path) -> dict[Batch, tuple[bytes, ...]]:
+    """Return the time stamps of each finished episode in the recording of a run, by number."""
+    if not (folder / "recording.mcap").exists():
+        return {}
+    return {batch: each.attempt[1] for batch, each in read_recording(folder).by_numbers().items()}
 
 
 def ended(run: Process, seconds: float = 250.0) -> tuple[int, str]:
@@ -104,10 +85,9 @@ def test_it_learns_to_swing_up_with_model_based_training(start: Start, tmp_path:
 @pytest.mark.timeout(600)
 def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
-    journal = folder / "episodes"
     size = ("horizon=50", "iterations=8", "episodes_per_iteration=2")
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *AT_SPEED, *PLAIN, *size)
-    seen: dict[str, str] = {}
+    seen: dict[Batch, tuple[bytes, ...]] = {}
     victims = draws.permutation(np.resize(NODES, MOST_KILLS)).tolist()
     done = []
     for name in victims:
@@ -115,21 +95,19 @@ def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path
             probe.until(lambda: watch.is_moving or run.popen.poll() is not None, 100)
         probe.settle(draws.uniform(0.0, 1.5))
         done += [name for pid in nodes_of(run, name) if kill(pid) is None]
-        found = digests(journal)
+        found = attempts(folder)
         assert seen.items() <= found.items(), "an episode was lost, or run twice"
         seen = found
     code, err = ended(run)
-    print(f"{len(done)} kills: {', '.join(done)}; {len(list(journal.glob('*_discarded_*')))} discarded episodes")
+    recording = read_recording(folder)
+    discarded = [each.executions[0].discard_reason for each in recording.batches if each.is_discarded]
+    print(f"{len(done)} kills: {', '.join(done)}; {len(discarded)} discarded episodes: {set(discarded)}")
     assert len(done) > len(victims) / 2
     assert (code, "Traceback" in err) == (0, False), err
     config = load_config(folder / "config.yaml")
-    found = digests(journal)
-    assert seen.items() <= found.items()
-    assert len(found) == config.training.iterations * config.training.episodes_per_iteration
-    for file in journal.glob("*_discarded_*"):
-        with np.load(file) as content:
-            assert str(content["discard_reason"]) != ""
-    *_, last = train(config.training, Recorded(journal, folder / "config.yaml"))
+    assert seen.items() <= attempts(folder).items()
+    assert len(recording.finished) == config.training.iterations * config.training.episodes_per_iteration
+    *_, last = replay(recording)
     ours, theirs = policy_arrays(last.policy), arrays(folder)
     for name, values in ours.items():
         np.testing.assert_array_equal(values, theirs[name])

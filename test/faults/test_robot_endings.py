@@ -1,6 +1,5 @@
 """Failures of runs on a robot: a gate that dies, a veto, a reset that never succeeds."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,11 +17,10 @@ __all__ = ["probe"]
 Start = Callable[..., Process]
 
 
-def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
+def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder = tmp_path / "run"
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, "iterations=100")
-    while not list(folder.glob("episodes/*.npz")) and run.popen.poll() is None:
-        time.sleep(0.05)
+    probe.until(lambda: bool(probe.heard["episodes"]) or run.popen.poll() is not None, 100)
     for pid in nodes_of(run, "gate"):
         kill(pid)
     code, _, err = run.finish()
@@ -32,7 +30,7 @@ def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path) -> None:
 
 def test_a_vetoed_episode_runs_again_and_is_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder = tmp_path / "run"
-    more = ("iterations=1", "episodes_per_iteration=3")
+    more = ("iterations=1",)
     run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
     probe.add_service("robot/veto", Trigger)
     probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
@@ -40,14 +38,13 @@ def test_a_vetoed_episode_runs_again_and_is_not_learnt_from(start: Start, tmp_pa
     assert answer.success, answer.message  # the second one runs with the same policy
     code, _, err = run.finish()
     assert code == 0, err
-    journal = folder / "episodes"
-    with np.load(next(journal.glob("*_discarded_*"))) as void:
-        assert str(void["discard_reason"]) == "vetoed by the operator"
-        again = np.load(journal / "training_seed_0_episode_0000000_steps_40.npz")
-        assert void["stamps"][0] < again["stamps"][0]
-    returns = [np.load(file)["rewards"][0] @ 0.99 ** np.arange(40) for file in journal.glob("*_steps_40.npz")]
+    recording = read_recording(folder)
+    (void,) = (each for each in recording.batches if each.is_discarded)
+    assert void.executions[0].discard_reason == "vetoed by the operator"
+    again = recording.by_numbers()[void.batch]
+    assert void.executions[0].stamps[0] < again.executions[0].stamps[0]
+    returns = recording.episodes().returns(0.99)
     (row,) = Curve(folder / "curve.csv").rows()
-    assert len(returns) == 3
     np.testing.assert_allclose(row.exploration_return, np.mean(returns))
 
 

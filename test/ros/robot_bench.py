@@ -114,13 +114,13 @@ class Bench:
         return str(self.probe.heard["episodes"][-1].failure)
 
     def ended(self, identity: int, count: int = 1) -> Any:
-        """Return the last of so many messages with the episode asked for under a number."""
+        """Return the message of this count with the episode asked for under a number."""
 
         def heard() -> list[Any]:
             return [message for message in self.probe.heard["episodes"] if message.batch == identity]
 
         self.probe.until(lambda: len(heard()) >= count)
-        return heard()[-1]
+        return heard()[count - 1]
 
     def play(self, episode: int = 0, **changes: object) -> Any:
         return self.ended(self.start(episode, **changes))

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64, String
 from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.sources import OBSTACLE
-from test.ros.conftest import Probe, Process, kill
+from test.ros.conftest import Probe, Process
 from test.ros.robot_bench import HORIZON, PERIOD, SECTION, SENSOR_PERIOD_S, Bench, drawn, write_section
 
 pytestmark = pytest.mark.clock
@@ -30,10 +30,10 @@ def bench(probe: Probe) -> Bench:
 
 @pytest.fixture
 def begin(start: Start, bench: Bench, tmp_path: Path) -> Callable[..., Process]:
-    """Start a robot node, with the journal in the folder of the test, and wait until it hears the bench."""
+    """Start a robot node, and wait until it hears the bench."""
 
     def begun(**changes: object) -> Process:
-        file = write_section(tmp_path / "robot.yaml", journal=str(tmp_path / "journal"), **changes)
+        file = write_section(tmp_path / "robot.yaml", **changes)
         process = start("robot", "--ros-args", "--params-file", file)
         bench.meet()
         return process
@@ -45,9 +45,7 @@ def reason(message: object) -> str:
     return str(message.executions[0].discard_reason)  # type: ignore[attr-defined]
 
 
-def test_an_episode_has_the_observed_drawn_and_executed_values(
-    begin: Callable[..., Process], bench: Bench, tmp_path: Path
-) -> None:
+def test_an_episode_has_the_observed_drawn_and_executed_values(begin: Callable[..., Process], bench: Bench) -> None:
     begin()
     message = bench.play()
     assert reason(message) == ""
@@ -63,25 +61,6 @@ def test_an_episode_has_the_observed_drawn_and_executed_values(
     steps = np.diff(execution.stamps)[1:] / 1e9  # the first one waits for its action
     assert (steps > 0.85 * PERIOD).all()
     bench.probe.until(lambda: bench.is_at_rest)  # the topics may bring the episode first
-    assert [path.name for path in (tmp_path / "journal").iterdir()] == ["training_seed_3_episode_0000000_steps_5.npz"]
-
-
-def test_a_completed_episode_is_published_again_but_not_rerun_after_a_kill(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
-    process = begin()
-    first = bench.play()
-    commands = len(bench.moves)
-    again = bench.play(policy_version=7)
-    assert (again.actions, again.rewards, again.executions) == (first.actions, first.rewards, first.executions)
-    assert again.policy_version == 7
-    kill(process.popen.pid)
-    process.popen.wait()
-    begin()
-    bench.position = 5.0
-    after = bench.play()
-    assert (after.observations, after.executions) == (first.observations, first.executions)
-    assert len(bench.moves) == commands
 
 
 def test_another_request_discards_the_running_episode(begin: Callable[..., Process], bench: Bench) -> None:
@@ -118,7 +97,7 @@ def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(
     ],
 )
 def test_a_silent_peer_stops_the_robot_and_discards_the_episode(
-    begin: Callable[..., Process], bench: Bench, tmp_path: Path, part: str, limit: dict[str, object], words: str
+    begin: Callable[..., Process], bench: Bench, part: str, limit: dict[str, object], words: str
 ) -> None:
     begin(**PATIENT | limit)
     identity = bench.start(horizon=200)
@@ -135,9 +114,6 @@ def test_a_silent_peer_stops_the_robot_and_discards_the_episode(
     bench.gate_state("holding")  # a gate that was started again says so
     bench.probe.settle()
     assert len(bench.moves) == commands
-    assert [path.name for path in (tmp_path / "journal").iterdir()] == [
-        "training_seed_3_episode_0000000_steps_200_discarded_1.npz"
-    ]
     assert reason(bench.play(horizon=HORIZON)) == ""
 
 
@@ -193,14 +169,24 @@ def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(
     assert len(bench.moves) > commands  # it was run again
 
 
-def test_an_episode_held_back_can_be_vetoed_before_publication(begin: Callable[..., Process], bench: Bench) -> None:
+def test_an_episode_is_published_at_once_and_again_when_it_can_no_longer_be_vetoed(
+    begin: Callable[..., Process], bench: Bench
+) -> None:
+    begin(veto_window=0.5)
+    identity = bench.start()
+    first, last = (bench.ended(identity, count) for count in (1, 2))
+    assert (first.vetoable, last.vetoable, reason(last)) == (True, False, "")
+    assert (first.actions, first.executions) == (last.actions, last.executions)
+    assert not bench.say("veto").success
+
+
+def test_an_episode_can_be_vetoed_within_its_window(begin: Callable[..., Process], bench: Bench) -> None:
     begin(veto_window=30.0)
     identity = bench.start()
-    bench.until_moving(HORIZON)
-    bench.probe.settle()
-    assert not bench.probe.heard["episodes"]
+    assert bench.ended(identity).vetoable
     assert bench.say("veto").success
-    assert reason(bench.ended(identity)) == "vetoed by the operator"
+    last = bench.ended(identity, count=2)
+    assert (last.vetoable, reason(last)) == (False, "vetoed by the operator")
 
 
 def test_the_reset_steps_run_in_order_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:

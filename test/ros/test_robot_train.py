@@ -43,7 +43,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
         code, _, err = learner.finish()
     assert code == 0, err
     assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2]
-    assert len(list((folder / "episodes").glob("*_steps_40.npz"))) == 2
+    assert len(read_recording(folder).finished) == 2
 
 
 def test_a_policy_that_holds_its_actions_is_evaluated_without_exploration(start: Start, tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_policy_that_holds_its_actions_is_evaluated_without_exploration(start:
     code, _, err = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *short).finish()
     assert code == 0, err
     assert len(list(replay(read_recording(folder)))) == 1
-    journal = {file.name for file in folder.glob("episodes/*")}
+    recorded = (folder / "recording.mcap").read_bytes()
     code, out, err = start("rkhs", "evaluate", folder, "--episodes", 2, "--discount", 1.0).finish()
     assert code == 0, err
     told, episodes = json.loads(out), load_episodes(folder / "evaluation.npz").episodes
@@ -64,7 +64,7 @@ def test_a_policy_that_holds_its_actions_is_evaluated_without_exploration(start:
     decided = policy.mean(policy.inputs.features(episodes.observations[:, ::repeat].reshape(-1, 2)))
     mean = np.repeat(decided.reshape(2, -1, 1), repeat, axis=1)[:, : episodes.horizon]
     np.testing.assert_allclose(episodes.actions, mean)  # without exploration noise
-    assert {file.name for file in folder.glob("episodes/*")} == journal
+    assert (folder / "recording.mcap").read_bytes() == recorded
     code, _, err = start("rkhs", "render", folder).finish()
     assert (code, len(err.splitlines())) == (2, 1)
     assert f"rkhs evaluate {folder} to run episodes" in err
@@ -76,14 +76,15 @@ def test_a_run_on_a_simulated_robot_can_be_resumed(start: Start, tmp_path: Path)
     code, out, err = start(*command).finish()
     assert (code, "error" in err) == (0, False), err
     assert out.startswith("Trained on motor_pendulum for 2 episodes")
-    journal = folder / "episodes"
-    first = {file.name: file.read_bytes() for file in journal.glob("*_steps_40.npz")}
+    first = read_recording(folder).by_numbers()
     assert len(first) == 2
     assert load_config(folder / "config.yaml").environment.nodes["robot"]["period"] == 0.01
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder, "--iterations", 2).finish()
     assert code == 0, err
     assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2, 4]
-    assert {name: (journal / name).read_bytes() for name in first} == first
+    again = read_recording(folder).by_numbers()
+    assert len(again) == 4
+    assert all(again[batch].attempt == each.attempt for batch, each in first.items())
 
 
 def test_a_real_robot_waits_for_the_operator_to_arm_it(start: Start, tmp_path: Path, probe: Probe) -> None:

@@ -8,8 +8,7 @@ from rkhs_ros.app.study import add_worker_arguments, make_missing, study_folder,
 from rkhs_ros.base.validation import require
 from rkhs_ros.paper.experiment import known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment
-from rkhs_ros.paper.reproduce import reproduce
-from rkhs_ros.paper.table import load_table
+from rkhs_ros.paper.reproduce import load_table, reproduce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

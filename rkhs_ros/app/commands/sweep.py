@@ -25,8 +25,15 @@ from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.comparison import compare
-from rkhs_ros.studies.grid import Outcome, as_csv, as_markdown, parse_variations, points, require_evaluated
-from rkhs_ros.studies.run_index import indexed_folder
+from rkhs_ros.studies.grid import (
+    Outcome,
+    as_csv,
+    as_markdown,
+    indexed_folder,
+    parse_variations,
+    points,
+    require_evaluated,
+)
 
 MOST_DRAWN = 8  # curves that a reader can distinguish
 Point = tuple[str, ...]  # changes of the configuration

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import check_environment, runner_of, untuned_config, warn_of_horizon
-from rkhs_ros.app.launcher import journal_in, launch
+from rkhs_ros.app.launcher import launch
 from rkhs_ros.app.named import configuration, named
 from rkhs_ros.app.resuming import resuming
 from rkhs_ros.app.robots import check_robot, default_domain
@@ -224,13 +224,10 @@ def _is_over_topics(asked: str | None) -> bool:
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
     output = str(folder.resolve())
     given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "tensorboard")}
-    further: dict[str, dict[str, str | bool]] = {}
-    if config.environment.nodes:
-        further["robot"] = {"journal": journal_in(folder.resolve())}
 
     def run(again: bool) -> int:
         learner = {"output": output, "resume": again or bool(options.resume), **given}
-        return launch(resolved(config), {**further, "learner": learner}, composed=options.runner == "composed")
+        return launch(resolved(config), {"learner": learner}, composed=options.runner == "composed")
 
     with reserved_domain(folder, default_domain(config)):
         return resuming(run, lambda: len(Curve(folder / "curve.csv").rows()))

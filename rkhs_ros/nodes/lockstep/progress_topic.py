@@ -10,9 +10,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from rkhs_interfaces.msg import LearningProgress
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.runs.curve import BEGINNING, Curve, Row, seconds_left
+from rkhs_ros.runs.curve import BEGINNING, Curve, seconds_left
 
 MOST_RECENT = 256  # iterations in a message
 PERIOD_S = 0.2  # between messages

@@ -60,8 +60,10 @@ class SimulatorLink:
         self.request = StartEpisodes.Request()
         self.batch: Batch | None = None
         self.finished: FinishedBatch | None = None  # of the requested batch; of a robot, discarded ones too
-        self.vetoed: list[FinishedBatch] = []  # completed, and discarded since
+        self.ended: list[FinishedBatch] = []  # to be recorded
+        self.vetoed: list[Batch] = []  # completed, and discarded since
         self._failure: Exception | None = None  # of the requested batch
+        self._is_vetoable = False  # whether the requested batch has ended, but may still be vetoed
         self._completed: dict[int, Batch] = {}  # batches that may still be vetoed, by the numbers of their requests
         self._logged = ""  # what the robot last waited for
         self._alive_at = 0.0  # monotonic time of the next heartbeat, seconds
@@ -103,7 +105,7 @@ class SimulatorLink:
         return bool(self.task.period > 0)
 
     def begin(self, batch: Batch, version: int, *, seeds: Sequence[int] = (), timeout: float = 0.0) -> None:
-        """Start a batch with the policy of that version; a robot returns episodes that it has completed before.
+        """Start a batch with the policy of that version.
 
         Args:
             batch: the episodes.
@@ -115,7 +117,7 @@ class SimulatorLink:
             SilentError: the node does not answer in time.
             ValueError: the simulator refuses the batch.
         """
-        self.batch, self.finished, self._failure = batch, None, None
+        self.batch, self.finished, self._failure, self._is_vetoable = batch, None, None, False
         self.request = start_request(fresh_number(), version, batch, self.task, seeds, timeout)
         self._peers.call_until_accepted(partial(self._peers.call, self._start, self.request, self.name), self.name)
 
@@ -123,6 +125,7 @@ class SimulatorLink:
         """Forget the completed episodes: once the learner has used them, they cannot be vetoed."""
         self.batch = None
         self._completed.clear()
+        self.ended.clear()
         self.vetoed.clear()
 
     def check(self) -> None:
@@ -154,8 +157,8 @@ class SimulatorLink:
 
     @property
     def has_news(self) -> bool:
-        """Whether the batch has ended, or completed episodes were vetoed."""
-        return self.finished is not None or self._failure is not None or bool(self.vetoed)
+        """Whether the batch has ended or failed, or episodes are to be recorded."""
+        return self.finished is not None or self._failure is not None or bool(self.ended)
 
     def _ask_for_task(self) -> DescribeTask.Response:
         request = DescribeTask.Request(num_envs=self._num_envs)
@@ -166,7 +169,9 @@ class SimulatorLink:
             if message.batch == self.request.batch and self.batch is not None and self.finished is None:
                 self._take(message, self.batch)
             elif message.batch in self._completed:
-                self.vetoed.append(self._finished_of(message, self._completed.pop(message.batch)))
+                batch = self._completed.pop(message.batch)
+                self.ended.append(self._finished_of(message, batch))
+                self.vetoed.append(batch)
         except ValueError as error:
             self._failure = PeerError(f"the {self.name} node sent invalid episodes: {error}")
 
@@ -175,9 +180,15 @@ class SimulatorLink:
         if message.failure:
             self._failure = RunError(truncated(message.failure))
             return
-        self.finished = self._finished_of(message, batch)
-        if not discard_reason(self.finished):
-            self._completed[message.batch] = batch
+        finished = self._finished_of(message, batch)
+        is_discarded = bool(discard_reason(finished))
+        if is_discarded or not self._is_vetoable:  # otherwise it was recorded when it could still be vetoed
+            self.ended.append(finished)
+        self._is_vetoable = bool(message.vetoable)
+        if not self._is_vetoable:
+            self.finished = finished
+            if not is_discarded:
+                self._completed[message.batch] = batch
 
     def _finished_of(self, message: EpisodesMessage, batch: Batch) -> FinishedBatch:
         expected = batch.num_envs if self.is_robot else 0

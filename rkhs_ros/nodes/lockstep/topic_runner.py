@@ -29,7 +29,7 @@ class TopicRunner:
     discards an episode, the runner requests it again under the same number. Any other fault ends the run, which can be
     resumed.
 
-    Owns the clients of simulator and policy node, and the episodes that were vetoed and have to run again.
+    Owns the clients of simulator and policy node.
 
     Args:
         node: the learner node.
@@ -45,7 +45,6 @@ class TopicRunner:
         self._node = node
         self._peers = peers
         self.record: Record = discard
-        self._again: list[Batch] = []
         self._simulator = SimulatorLink(node, peers, "", num_envs, kind)
         self._policy = PolicyLink(node, peers)
 
@@ -99,52 +98,42 @@ class TopicRunner:
         try:
             while parts:
                 part = parts.popleft()
-                finished = self._completed(part)
+                done[part] = self._completed(part)
                 self._node.diagnostics.steps += part.horizon
-                record_kinds(self.record, *finished)
-                done[part] = finished.episodes
-                parts.extend(self._take_vetoed(done))
+                while self._simulator.vetoed:
+                    parts.append(vetoed := self._simulator.vetoed.pop())
+                    del done[vetoed]
         finally:
-            self._record_vetoes()  # even if the run is stopped, because it may be resumed
+            self._record_ended()  # even if the run is stopped, because it may be resumed
         self._simulator.release()
         return Episodes.concatenate(
             done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode))
         )
 
-    def _completed(self, batch: Batch) -> FinishedBatch:
+    def _completed(self, batch: Batch) -> Episodes:
         """Run a batch within the capacity until it is complete, again whenever a robot discards it."""
         reason = ""
         for _ in range(MAX_DISCARDS):
-            finished = self._ended(batch)
+            finished = self._finished(batch)
             if not (reason := discard_reason(finished)):
-                return finished
-            self.record(*finished)
+                return finished.episodes
         number = batch.first_episode + 1  # people count from 1
         raise RunError(f"episode {number} was discarded {MAX_DISCARDS} times in a row; the last reason: {reason}")
 
-    def _ended(self, batch: Batch) -> FinishedBatch:
+    def _finished(self, batch: Batch) -> FinishedBatch:
         """Run a batch within the capacity until it ends."""
         simulator = self._simulator
         simulator.begin(batch, self._policy.version, timeout=self._peers.timeout_s)
         while simulator.finished is None:
             if self._peers.spin(lambda: simulator.has_news, CHECK_S):
+                self._record_ended()
                 simulator.raise_failure()
-                self._record_vetoes()
             else:
                 simulator.check()
         return simulator.finished
 
-    def _take_vetoed(self, done: dict[Batch, Episodes]) -> list[Batch]:
-        """Remove vetoed episodes from those that are done, and return their batches."""
-        self._record_vetoes()
-        vetoed, self._again = self._again, []
-        for batch in vetoed:
-            del done[batch]
-        return vetoed
-
-    def _record_vetoes(self) -> None:
-        """Record episodes that the operator has vetoed after their completion; they will run again."""
-        for finished in self._simulator.vetoed:
-            self.record(*finished)
-            self._again.append(finished.batch)
-        self._simulator.vetoed.clear()
+    def _record_ended(self) -> None:
+        """Record the episodes that have ended, including those that were discarded or vetoed."""
+        for finished in self._simulator.ended:
+            record_kinds(self.record, *finished)
+        self._simulator.ended.clear()

@@ -3,7 +3,6 @@
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
@@ -24,7 +23,6 @@ from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import StepTiming
 from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode
-from rkhs_ros.robot.journal import Journal
 from rkhs_ros.robot.task import robot_task_from
 
 CALM_S = 0.005  # before the next due event, during which the node does nothing else
@@ -33,9 +31,8 @@ CALM_S = 0.005  # before the next due event, during which the node does nothing 
 class RobotNode(ReportingNode):
     """Runs episodes on a robot, one at a time, with the same interface to the learner as a simulator.
 
-    Owns the journal, and the episode that may still be vetoed. If the learner requests an episode that is in the
-    journal, the node publishes it again. The learner assigns the episodes' numbers. Commands go to the gate, never
-    directly to the hardware.
+    Owns the episode that may still be vetoed. The learner assigns the episodes' numbers, and records them. Commands go
+    to the gate, never directly to the hardware.
     """
 
     def __init__(self) -> None:
@@ -46,11 +43,9 @@ class RobotNode(ReportingNode):
 
         Raises:
             ValueError: an unknown parameter, an invalid value, or an unknown message type.
-            OSError: the folder of the journal cannot be created.
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        folder = declared(self, tree, "journal", "", "folder to store each episode in; empty: store none")
         arms = declared(
             self,
             tree,
@@ -60,7 +55,6 @@ class RobotNode(ReportingNode):
         )
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))
-        self._journal = Journal(Path(folder).expanduser() if folder else None)
         self._request = StartEpisodes.Request()  # the newest one
         self._held: tuple[FinishedEpisode, float] | None = None  # an episode that may be vetoed, and until when
         # The last completed episode that was published, with its batch and policy version.
@@ -68,7 +62,7 @@ class RobotNode(ReportingNode):
         self._failure = ""
         self._timing, self._misses, self._discarded = StepTiming(), 0, 0
         self.diagnostics = Diagnostics(self, self._report, ["action", "gate/report"])
-        self._motion = EpisodeDriver(self, self._task, arms=arms, ended=self._store)
+        self._motion = EpisodeDriver(self, self._task, arms=arms, ended=self._ended)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -132,27 +126,22 @@ class RobotNode(ReportingNode):
         return response
 
     def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:
-        """Publish an episode from the journal, or start it."""
+        """Start an episode in place of the current one."""
         self._release()
         self._motion.discard("another episode was requested")
         self._request, self._failure, self.diagnostics.stuck = request, "", ""
-        found = self._journal.find(batch)
-        if found is not None:
-            self._publish(found)
-        else:
-            self._motion.begin(batch, request.batch, request.policy_version, request.timeout)
+        self._motion.begin(batch, request.batch, request.policy_version, request.timeout)
 
     def _hear_learner(self, message: Empty) -> None:
         self._motion.alive_at = time.monotonic()
 
     # The end of an episode.
 
-    def _store(self, episode: RobotEpisode) -> None:
-        """Store an ended episode, and publish it once it can no longer be vetoed."""
+    def _ended(self, episode: RobotEpisode) -> None:
+        """Publish an ended episode; one that may be vetoed is published again when this is decided."""
         ended = episode.ended()
         self._timing, self._misses = self._timing + episode.timing, self._misses + episode.misses
         self.diagnostics.steps += len(ended.execution.flags)
-        self._journal.add(ended)
         if reason := ended.execution.discard_reason:
             self._discarded += 1
             self.get_logger().warning(f"episode {ended.batch.first_episode + 1} is discarded: {reason}")
@@ -160,20 +149,24 @@ class RobotNode(ReportingNode):
             place = {"batch": self._request.batch, "policy_version": self._request.policy_version}
             self._episodes.publish(Episodes(failure=self._failure, **place))
             return
-        self._held = (ended, 0.0 if reason else time.monotonic() + self._task.veto_window)
         if reason or not self._task.veto_window:
-            self._release()
+            self._publish(ended)
+        else:
+            self._held = (ended, time.monotonic() + self._task.veto_window)
+            self._publish(ended, vetoable=True)
 
     def _release(self) -> None:
-        """Publish an episode that was held back."""
+        """Publish an episode that may no longer be vetoed."""
         if self._held is not None:
             ended, self._held = self._held[0], None
             self._publish(ended)
 
-    def _publish(self, ended: FinishedEpisode) -> None:
+    def _publish(self, ended: FinishedEpisode, *, vetoable: bool = False) -> None:
         place = (self._request.batch, self._request.policy_version)
-        self._episodes.publish(episodes_message(msg, *place, ended.episodes, [ended.execution]))
-        self._reported = None if ended.execution.discard_reason else (ended, *place)
+        message = episodes_message(msg, *place, ended.episodes, [ended.execution])
+        message.vetoable = vetoable
+        self._episodes.publish(message)
+        self._reported = None if vetoable or ended.execution.discard_reason else (ended, *place)
 
     # Requests of the operator.
 
@@ -196,7 +189,7 @@ class RobotNode(ReportingNode):
     def _veto(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Discard the last completed episode, unless the learner may already have used it.
 
-        The learner cannot have used an episode that is unpublished, nor one whose policy is still acting.
+        The learner cannot have used an episode that is held back, nor one whose policy is still acting.
         """
         if self._held is not None:
             self._held = (self._vetoed(self._held[0]), 0.0)
@@ -213,7 +206,6 @@ class RobotNode(ReportingNode):
 
     def _vetoed(self, ended: FinishedEpisode) -> FinishedEpisode:
         vetoed = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by the operator"))
-        self._journal.discard(vetoed)
         self._discarded += 1
         return vetoed
 

@@ -11,7 +11,7 @@ from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.curve import Row, columns
+from rkhs_ros.runs.curve import columns
 
 ROOT = Path(__file__).parents[3]
 KEPT = Path(__file__).with_name("pendulum_nac_seed_0.csv")
@@ -23,7 +23,7 @@ SOME, DIGITS = 5, 1e-6
 def test_the_pendulum_curve_is_bit_identical_to_the_reference() -> None:
     config = load_config(ROOT / "config" / "pendulum_nac.yaml", ["seed=0"])
     runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
-    got = columns([Row.of(iteration, 0.0) for iteration in train(config.training, runner)])
+    got = columns([iteration.row(0.0) for iteration in train(config.training, runner)])
     with KEPT.open(newline="") as file:
         lines = list(csv.DictReader(file))
     processors = {library["architecture"] for library in threadpool_info() if library["user_api"] == "blas"}

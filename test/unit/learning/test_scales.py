@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation

@@ -14,10 +14,11 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model_based.settings import ModelBased, NoModel
 from rkhs_ros.learning.state import first_policy, first_state
-from rkhs_ros.learning.training import Collector, Iteration, train
+from rkhs_ros.learning.training import Collector, train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -138,7 +139,7 @@ def test_exploring_episodes_that_run_ahead_are_bit_identical(
     ahead = [batch for batch in together.batches if batch.num_evaluation]
     assert len(one_by_one.batches) - len(together.batches) == len(ahead) == {0: 0, 1: 2, 2: 1}[every]
     steps = [sum(each.count for each in (i.exploration, *i.tried)) for i in train(training, Watching())]
-    assert [i.steps_used for i in train(training, Watching())] == np.cumsum(steps).tolist()
+    assert [i.state.steps for i in train(training, Watching())] == np.cumsum(steps).tolist()
     assert {key for batch in one_by_one.batches for key in batch.keys} == {
         key for batch in together.batches for key in batch.keys
     }  # none after the last iteration

@@ -12,8 +12,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment, styles_of
-from rkhs_ros.paper.reproduce import reproduce
-from rkhs_ros.paper.table import load_table
+from rkhs_ros.paper.reproduce import load_table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance

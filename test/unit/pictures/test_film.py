@@ -9,7 +9,8 @@ import pytest
 from gymnasium.spaces import Box
 from PIL import Image
 
-from rkhs_ros.pictures import film_files, headless
+from rkhs_ros.pictures import film as films
+from rkhs_ros.pictures import film_files
 from rkhs_ros.pictures.film import Film, shoot
 from rkhs_ros.pictures.film_files import animate, draw_strip
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -184,18 +185,18 @@ def test_films_start_at_the_first_motion(tmp_path: Path) -> None:
 def test_mujoco_renders_off_screen_without_a_display_and_a_choice(
     monkeypatch: pytest.MonkeyPatch, given: dict[str, str], libraries: set[str], chosen: str | None
 ) -> None:
-    monkeypatch.setattr(headless, "find_library", lambda name: name if name in libraries else None)
+    monkeypatch.setattr(films, "find_library", lambda name: name if name in libraries else None)
     monkeypatch.setattr(sys, "platform", "linux")
-    headless.choose_renderer(given)
+    films.choose_renderer(given)
     assert given.get("MUJOCO_GL") == chosen
 
 
 def test_errors_with_mujoco_include_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "mujoco", raising=False)
-    assert headless.remedy({"MUJOCO_GL": "glfw"}) == ""
-    monkeypatch.setitem(sys.modules, "mujoco", headless)
-    assert headless.remedy({"MUJOCO_GL": "glfw"}).startswith(" (MUJOCO_GL is glfw; MuJoCo without a display needs EGL")
-    assert "libosmesa6" in headless.remedy({})
+    assert films.remedy({"MUJOCO_GL": "glfw"}) == ""
+    monkeypatch.setitem(sys.modules, "mujoco", films)
+    assert films.remedy({"MUJOCO_GL": "glfw"}).startswith(" (MUJOCO_GL is glfw; MuJoCo without a display needs EGL")
+    assert "libosmesa6" in films.remedy({})
 
 
 # Command line

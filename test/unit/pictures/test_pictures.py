@@ -19,15 +19,14 @@ from matplotlib.transforms import Bbox
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel
 from rkhs_ros.paper.figures import experiment_figure
-from rkhs_ros.paper.table import Returns, Table
+from rkhs_ros.paper.reproduce import Returns, Table
 from rkhs_ros.pictures.attempts_figure import attempts_figure
-from rkhs_ros.pictures.circle_axes import CircleAxes
 from rkhs_ros.pictures.comparison import comparison_figure
 from rkhs_ros.pictures.film import Film
 from rkhs_ros.pictures.film_files import strip_figure
 from rkhs_ros.pictures.known import names_of, success_reward
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
-from rkhs_ros.pictures.policy_figure import policy_figure
+from rkhs_ros.pictures.policy_figure import CircleAxes, policy_figure
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -6,7 +6,6 @@ import pytest
 from scipy import stats
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -86,13 +85,6 @@ def test_an_action_does_not_depend_on_other_environments(
     assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))
 
 
-def test_repeating_a_step_returns_the_same_action(random_policy: Make, rng: np.random.Generator) -> None:
-    acting, x = Acting(random_policy(), Batch(0, 0, 3, 5, explore=True), explore=True), rng.normal(size=(3, 2))
-    first = acting(2, x)
-    acting(3, x)
-    assert np.array_equal(acting(2, x), first)
-
-
 def test_without_exploration_the_action_is_the_mean(random_policy: Make, rng: np.random.Generator) -> None:
     policy, x = random_policy(), rng.normal(size=(3, 2))
     assert np.array_equal(Acting(policy, Batch(0, 0, 3, 5, explore=False), explore=False)(1, x), policy.mean(x))
@@ -103,11 +95,6 @@ def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> 
     Acting(random_policy(n=10), most, explore=True)
     with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(random_policy(n=11), most, explore=True)
-    window = GaussianPolicy(
-        Function.constant(RBF((1.0,)), 2 * (11 + 1), 1), ConstantVariance(np.ones(1)), Inputs(history=2)
-    )
-    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
-        Acting(window, most, explore=True)(0, np.zeros((10_000, 11)))
 
 
 def test_mean_and_variance_of_different_dimensions_are_rejected(random_policy: Make) -> None:

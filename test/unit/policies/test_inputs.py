@@ -131,18 +131,6 @@ def test_bounds_are_no_settings() -> None:
         build(Inputs, {"action_low": [1.0]}, "inputs.")
 
 
-@over_inputs
-def test_repeating_a_step_returns_the_same_action(
-    inputs: Inputs, random_policy: MakePolicy, rng: np.random.Generator
-) -> None:
-    policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
-    acting = Acting(policy, Batch(0, 0, 3, 6, explore=True), explore=True)
-    observed = rng.normal(size=(6, 3, 2))
-    first = [acting(t, observed[t]) for t in range(6)]
-    for t in (4, 5, 5, 2):
-        assert np.array_equal(acting(t, observed[t]), first[t])
-
-
 def test_changing_returned_actions_does_not_change_the_history(
     random_policy: MakePolicy, rng: np.random.Generator
 ) -> None:

@@ -251,7 +251,7 @@ def test_a_run_does_not_resume_without_a_part_of_its_recording(tmp_path: Path, s
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))]) if share else file.unlink()
     before = {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()}
-    with pytest.raises(ValueError, match=r"recording\.mcap: expected the updates of the 3 finished iterations, got "):
+    with pytest.raises(ValueError, match=r"recording\.mcap: expected the updates of the 2 finished iterations, got "):
         recorded_run(tmp_path / "run", CONFIG, resume=True)
     assert {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file()} == before
 

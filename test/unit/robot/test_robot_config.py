@@ -95,9 +95,9 @@ def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.
 def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
     config = load_config(PENDULUM)
     assert node_names(config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
-    document = loaded(for_all(resolved(config), {"robot": {"journal": "/somewhere"}}))
+    document = loaded(for_all(resolved(config)))
     robot = document["/**/robot"]["ros__parameters"]
-    assert (robot["journal"], robot["simulated"]) == ("/somewhere", True)
+    assert robot["simulated"] is True
     learner = document["/**/learner"]["ros__parameters"]
     assert learner["environment"]["nodes"] == {**config.environment.nodes}
     assert learner["environment"]["id"] == "motor_pendulum"
@@ -110,20 +110,8 @@ def test_only_an_operator_ends_the_stops_of_a_real_robot(missing: str) -> None:
         del document["/**/gate"]["ros__parameters"]["arms_itself"]
     else:
         del document["/**/simulated_robot"]
-    robot = loaded(for_all(str(document), {"robot": {"journal": "/somewhere"}}))["/**/robot"]["ros__parameters"]
+    robot = loaded(for_all(str(document)))["/**/robot"]["ros__parameters"]
     assert robot["simulated"] is False
-
-
-def test_a_file_at_the_journals_path_is_reported_before_any_node_starts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    place = tmp_path / "run" / "episodes"
-    place.parent.mkdir(parents=True)
-    place.write_text("")
-    code = code_of("train", PENDULUM, "--out", tmp_path / "run")
-    err = capsys.readouterr().err
-    assert (code, len(err.splitlines())) == (2, 1)
-    assert str(place) in err
 
 
 @pytest.mark.parametrize(

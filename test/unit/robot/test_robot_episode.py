@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import SLACK, ElasticClock
 from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, Reading, RobotEpisode
-from rkhs_ros.robot.journal import Journal
 from rkhs_ros.robot.rules import End, Reward, Rules
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import RobotTask, robot_task_from
@@ -229,51 +227,6 @@ def test_unexpected_actions_are_ignored() -> None:
     assert episode.act(0, np.ones(1), 0.01) is None
     episode.discard("stopped")
     assert episode.act(0, np.ones(1), 0.01) is None
-
-
-def test_the_journal_finds_completed_episodes_and_stores_discarded_ones(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "journal")
-    assert journal.find(BATCH) is None
-    discarded = begun()
-    discarded.discard("stopped by the operator")
-    journal.add(discarded.ended())
-    assert journal.find(BATCH) is None
-    episode = begun()
-    play(episode, [0.01] * 5)
-    journal.add(episode.ended())
-    found = Journal(tmp_path / "journal").find(BATCH)
-    assert found is not None
-    for kind in ("episodes", "execution"):
-        for name, value in vars(getattr(episode.ended(), kind)).items():
-            np.testing.assert_array_equal(getattr(getattr(found, kind), name), value)
-    assert journal.find(replace(BATCH, explore=False)) is None
-    assert journal.find(replace(BATCH, first_episode=8)) is None
-    assert journal.find(replace(BATCH, seed=4)) is None
-    journal.discard(replace(found, execution=replace(found.execution, discard_reason="vetoed by the operator")))
-    assert journal.find(BATCH) is None
-    assert len(list((tmp_path / "journal").iterdir())) == 3
-
-
-def test_a_damaged_file_of_the_journal_is_ignored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    journal = Journal(tmp_path)
-    episode = begun()
-    play(episode, [0.01] * 5)
-    journal.add(episode.ended())
-    (file,) = tmp_path.iterdir()
-    file.write_bytes(file.read_bytes()[:200])
-    assert journal.find(BATCH) is None
-    assert "ignored, the file is damaged" in capsys.readouterr().err
-
-
-def test_a_vetoed_episode_is_stored_as_discarded(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    episode = begun()
-    play(episode, [0.01] * 5)
-    ended = episode.ended()
-    journal.add(ended)
-    journal.discard(replace(ended, execution=replace(ended.execution, discard_reason="vetoed")))
-    assert journal.find(BATCH) is None
-    assert len(list(tmp_path.glob("*discarded*"))) == 1
 
 
 def test_the_reward_can_come_from_a_topic_only() -> None:

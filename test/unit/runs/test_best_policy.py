@@ -5,8 +5,8 @@ from math import inf, nan, sqrt
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.training import lower_bound
-from rkhs_ros.runs.curve import BEGINNING, Row
+from rkhs_ros.learning.iteration import Row, lower_bound
+from rkhs_ros.runs.curve import BEGINNING
 from rkhs_ros.runs.report import evaluation_bounds
 
 POLICIES, EPISODES, DRAWS = 31, 5, 400

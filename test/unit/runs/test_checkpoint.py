@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.execution import discard
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import training_from
@@ -25,7 +26,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import COUNTS, FILE, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import BEGINNING, Row
+from rkhs_ros.runs.curve import BEGINNING
 from rkhs_ros.runs.recorded import memory_of
 from test.unit.conftest import model_free
 
@@ -100,7 +101,7 @@ def test_every_algorithm_resumes_bit_identically_from_each_checkpoint(
     TOY.record = discard
     episodes = countable(batches)
     for k, iteration in enumerate(whole[:-1], 1):
-        lines = [Row.of(each, 0.1) for each in whole[:k]]
+        lines = [each.row(0.1) for each in whole[:k]]
         write_checkpoint(folder, config, Checkpoint(iteration.state, lines))
         found = found_in(folder, config)
         assert repr(found.rows) == repr(lines)

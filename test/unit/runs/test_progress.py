@@ -18,12 +18,13 @@ from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.diagnosis import Advice
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import progress
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.curve import BEGINNING, Row, seconds_left
+from rkhs_ros.runs.curve import BEGINNING, seconds_left
 from rkhs_ros.runs.progress import ECHO, progress_bar
 from test.unit.conftest import model_free
 

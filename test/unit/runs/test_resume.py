@@ -16,13 +16,14 @@ import pytest
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance, report
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused, model_free

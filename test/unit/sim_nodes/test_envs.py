@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_nodes.envs import TASKS
-from sim_nodes.envs.pendulum import Pendulum
-from sim_nodes.envs.pendulum_pomdp import PendulumPOMDP
+from sim_nodes.envs.pendulum import Pendulum, PendulumPOMDP
 from sim_nodes.envs.toy import Toy
 from sim_nodes.envs.vector_task import VectorTask
 

@@ -12,11 +12,12 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
 from rkhs_ros.studies.comparison import Comparison, LearningCurve, as_markdown, as_table, compare

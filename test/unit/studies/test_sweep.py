@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.base.yaml_text import loaded
-from rkhs_ros.runs.curve import Curve, Row
+from rkhs_ros.learning.iteration import Row
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.grid import Outcome, parse_variations, points
 from test.unit.conftest import Result, assert_refused
 

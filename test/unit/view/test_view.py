@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Row
 from rkhs_ros.pictures.known import names_of
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -26,7 +27,7 @@ from rkhs_ros.recordings.following import Following
 from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.curve import Curve, Row, columns
+from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.run import run_training
 from sim_nodes.envs import TASKS
 

@@ -16,6 +16,7 @@ from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
 from rkhs_ros.learning.model_based.training_in_model import (
     EXPLORATION_DECAY,
@@ -25,7 +26,7 @@ from rkhs_ros.learning.model_based.training_in_model import (
 )
 from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.learning.state import first_variance
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs

@@ -9,11 +9,12 @@ import pytest
 
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.real_experience import is_stuck
 from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch

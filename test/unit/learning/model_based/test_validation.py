@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, reward_depends_on_action_only
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.settings import ModelBased
@@ -25,7 +26,7 @@ from rkhs_ros.learning.model_based.training_in_model import (
 )
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy, first_variance
-from rkhs_ros.learning.training import Iteration, train
+from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch, stream_seed
