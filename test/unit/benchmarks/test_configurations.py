@@ -36,8 +36,8 @@ def test_episodes_are_counted_until_a_return_is_above_a_threshold() -> None:
 
 
 def test_a_search_by_cma_es_counts_every_candidate() -> None:
-    result = measure("toy_few_nac by CMA-ES, sd 0.25", 100, ["iterations=2", "horizon=5"])
-    assert result.episodes == 12  # one generation of the package's population for 20 weights, beyond 2 times 5
+    result = measure("pendulum_few_nac by CMA-ES, sd 1", 100, ["iterations=2", "horizon=5"])
+    assert result.episodes == 15  # one generation of the package's population for 40 weights, beyond 2 times 5
 
 
 def test_results_survive_a_round_trip(tmp_path: Path) -> None:
