@@ -229,7 +229,10 @@ class Scan:
         if isinstance(record, Header):
             self._numbered = record.library.startswith(LIBRARY)
         self.ended = self.ended or isinstance(record, DataEnd)
-        parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+        if isinstance(record, Chunk):
+            parts = breakup_chunk(record, validate_crc=True)
+        else:
+            parts = [] if self.ended else [record]  # the index at the end repeats definitions, without a checksum
         return [message for part in parts for message in self._taken(part)]
 
     def _taken(self, record: McapRecord) -> list[Stored]:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import SAMPLES_AT_ONCE, check_actions
-from rkhs_ros.policies.gaussian import NOISES, Acting, GaussianPolicy
+from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.streams import NOISES, Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
