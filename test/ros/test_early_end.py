@@ -61,12 +61,13 @@ def test_one_robot_learns_over_topics_as_in_process(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("one_robot.py").write_text(MODULE)
+    Path("one_robot.py").write_text(MODULE + OPEN_ONCE)
     Path("robot.yaml").write_text(CONFIG)
     for name in ("inline", "ros"):
         run = start("rkhs", "train", "robot.yaml", "--runner", name, "--quiet", "--out", name)
         code, out, err = run.finish()
         assert code == 0, err
+        assert not Path("taken").exists()
         assert out.startswith("Trained on one_robot:Robot-v0 for 30 episodes")
     lines = [Path(name, "curve.csv").read_text().splitlines() for name in ("inline", "ros")]
     without_seconds = [[line.rpartition(",")[0] for line in curve] for curve in lines]
@@ -78,14 +79,3 @@ def test_one_robot_learns_over_topics_as_in_process(
     assert episodes.terminated.all()
     assert (episodes.mask.sum(axis=1) < 9).all()
     assert np.isfinite(episodes.final_observations).all()
-
-
-def test_an_environment_that_can_be_opened_once_is_closed(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("one_robot.py").write_text(MODULE + OPEN_ONCE)
-    Path("robot.yaml").write_text(CONFIG)
-    code, _, err = start("rkhs", "train", "robot.yaml", "--runner", "ros", "--iterations", 1, "--out", "run").finish()
-    assert code == 0, err
-    assert not Path("taken").exists()

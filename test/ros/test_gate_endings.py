@@ -14,11 +14,10 @@ from test.ros.gate_bench import written
 from test.ros.hardware import AT_REST, IN_MOTION, TURNING, Hardware, tree_of
 
 AT_REST_SPEED = 0.02
-SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")}
+SIGNALS = {name: getattr(signal, name) for name in ("SIGTERM", "SIGHUP")}
 # Ending, moment and kind of commands are independent of each other: the tests of the pure gate combine them.
 TRIALS = (
     ("SIGTERM", TURNING, "effort"),
-    ("SIGINT", IN_MOTION, "velocity"),
     ("SIGHUP", AT_REST, "position"),
     ("exception", IN_MOTION, "effort"),
     ("second gate", IN_MOTION, "position"),
@@ -115,7 +114,9 @@ def test_a_gate_that_exits_leaves_the_hardware_at_rest(
     assert_left_at_rest(here.hardware, here.ended_at)
 
 
-@pytest.mark.parametrize("fault", [pytest.param("exit", marks=pytest.mark.nightly), "check", "exits", "executor"])
+@pytest.mark.parametrize(
+    "fault", [*(pytest.param(fault, marks=pytest.mark.nightly) for fault in ("exit", "exits")), "check", "executor"]
+)
 def test_the_gate_brakes_despite_repeated_failures(trial: Callable[[str], Trial], fault: str) -> None:
     here = trial("velocity")
     here.hardware.arm()

@@ -45,7 +45,7 @@ def run(start: Start, tmp_path: Path) -> Process:
     return start("rkhs", "train", PENDULUM, "--quiet", "--iterations", 10_000, "--out", tmp_path / "out")
 
 
-def test_every_node_reports_its_status(run: Process, probe: Probe) -> None:
+def test_every_node_reports_its_status_and_refusals(run: Process, probe: Probe) -> None:
     hearing = Hearing(probe)
     nodes = ("/simulator", "/policy", "/learner")
     probe.until(lambda: set(nodes) <= set(hearing.reports))
@@ -55,6 +55,13 @@ def test_every_node_reports_its_status(run: Process, probe: Probe) -> None:
         assert {value.key for value in report.values} == KEYS - ({"step"} if name == "/learner" else set())
         assert report.level == DiagnosticStatus.OK
         assert report.hardware_id == socket.gethostname()
+
+    def told() -> bool:
+        probe.say("action", Action(batch=3))  # again and again, since others may be refused after it
+        return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
+
+    probe.until(told)
+    assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
 
 
 @pytest.mark.nightly
@@ -71,18 +78,6 @@ def test_a_stuck_learner_reports_it_and_the_reason_of_its_exit(start: Start, pro
     assert {level for level, _ in hearing.states["/policy"]} == {DiagnosticStatus.OK}
     run.interrupt()
     assert f"error: {reason}\n" in run.finish()[2]
-
-
-def test_a_refusal_is_counted_and_reported(run: Process, probe: Probe) -> None:
-    hearing = Hearing(probe)
-    probe.until(lambda: len(probe.heard["episodes"]) > 1)
-
-    def told() -> bool:
-        probe.say("action", Action(batch=3))  # again and again, since others may be refused after it
-        return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
-
-    probe.until(told)
-    assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
 
 
 @pytest.mark.nightly

@@ -68,7 +68,7 @@ def test_a_policy_node_that_does_not_act_ends_the_run(learn: Learner, probe: Pro
     assert (code, err) == (75, "error: the simulator node did not answer within 2 s\n")  # it has ended before
 
 
-@pytest.mark.parametrize("interrupted", [False, True])
+@pytest.mark.parametrize("interrupted", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_a_manually_started_learner_draws_figures_and_prints_next_steps(
     start: Callable[..., Process], parameters: Callable[..., Path], probe: Probe, tmp_path: Path, interrupted: bool
 ) -> None:

@@ -27,22 +27,10 @@ def refusal(process: Process) -> str:
     return err
 
 
-def test_help_prints_the_usage_of_a_node(start: Start) -> None:
-    code, out, err = start("simulator", "--help").finish()
-    assert (code, err) == (0, "")
-    assert "ros2 run rkhs_ros simulator --ros-args" in out
-
-
-def test_arguments_that_are_not_for_ros_are_refused(start: Start) -> None:
-    assert "--ros-args --params-file run.yaml" in refusal(start("learner", "run.yaml"))
-
-
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
         ("learner", None, "cannot read the parameter file: No such file"),
-        ("policy", "a: [1", "expected a YAML file"),
-        ("simulator", "3", "expected sections"),
     ],
 )
 def test_an_unreadable_parameter_file_is_refused_in_one_line(
@@ -54,16 +42,24 @@ def test_an_unreadable_parameter_file_is_refused_in_one_line(
     assert f"error: {file}: {reason}" in refusal(start(name, "--ros-args", "--params-file", file))
 
 
-def test_invalid_ros_arguments_are_refused_in_one_line(start: Start) -> None:
-    assert "error: arguments: expected" in refusal(start("policy", "--ros-args", "--bogus"))
+def test_a_node_prints_its_usage_and_refuses_invalid_arguments_in_one_line(start: Start) -> None:
+    usage, plain, bogus = (
+        start("simulator", "--help"),
+        start("learner", "run.yaml"),
+        start("policy", "--ros-args", "--x"),
+    )
+    code, out, err = usage.finish()
+    assert (code, err) == (0, "")
+    assert "ros2 run rkhs_ros simulator --ros-args" in out
+    assert "--ros-args --params-file run.yaml" in refusal(plain)
+    assert "error: arguments: expected" in refusal(bogus)
 
 
-@pytest.mark.parametrize("name", ["simulator", "learner"])
-def test_a_node_without_a_section_exits_with_an_error(start: Start, tmp_path: Path, name: str) -> None:
+def test_a_node_without_a_section_exits_with_an_error(start: Start, tmp_path: Path) -> None:
     file = tmp_path / "run.yaml"
     file.write_text(TOY.read_text().replace("/**/", "/b/"))
-    process = start(name, "--ros-args", "--params-file", file, "-r", "__ns:=/a", "-p", "quiet:=true")
-    assert f"error: no parameters for /a/{name} in {file}" in refusal(process)
+    process = start("learner", "--ros-args", "--params-file", file, "-r", "__ns:=/a", "-p", "quiet:=true")
+    assert f"error: no parameters for /a/learner in {file}" in refusal(process)
 
 
 @pytest.fixture
@@ -98,13 +94,11 @@ def test_a_node_logs_when_it_is_ready(start: Start, probe: Probe) -> None:
         assert [line.partition("]: ")[2] for line in node.told] == [said + "\n"]
 
 
-@pytest.mark.parametrize("failure", ["parameter", "peer"])
-def test_the_reason_of_an_exit_is_on_rosout(start: Start, probe: Probe, tmp_path: Path, failure: str) -> None:
+def test_the_reason_of_an_exit_is_on_rosout(start: Start, probe: Probe) -> None:
     logs: list[Any] = []
     qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     probe.create_subscription(Log, "/rosout", logs.append, qos)
-    parameter = {"parameter": "sead:=3", "peer": "timeout:=1.0"}[failure]
-    learner = start("learner", "--ros-args", "-p", parameter)
+    learner = start("learner", "--ros-args", "-p", "timeout:=1.0")
     probe.until(lambda: learner.popen.poll() is not None)
     probe.settle()
     _, _, err = learner.finish()

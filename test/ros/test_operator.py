@@ -2,27 +2,29 @@
 
 from collections.abc import Callable
 
-import pytest
-
 from rkhs_ros.nodes.watch.operator_node import SERVICES
 from test.ros.conftest import Probe, Process
 
 
-@pytest.mark.parametrize("word", SERVICES)
-def test_a_command_calls_its_service_once_and_reports_the_answer(
-    start: Callable[..., Process], probe: Probe, word: str
-) -> None:
-    service, kind, _ = SERVICES[word]
-    requests = []
+def test_a_command_calls_its_service_once_and_reports_the_answer(start: Callable[..., Process], probe: Probe) -> None:
+    requests: list[str] = []
+    nodes = {service.partition("/")[0] for service, *_ in SERVICES.values()}
+    made = {name: probe.add_node(name) for name in nodes}
 
-    def answer(request: object, response: object) -> object:
-        requests.append(request)
-        response.success, response.message = word != "veto", "as told"  # type: ignore[attr-defined]
-        return response
+    def serve(word: str) -> None:
+        def answer(request: object, response: object) -> object:
+            requests.append(word)
+            response.success, response.message = word != "veto", "as told"  # type: ignore[attr-defined]
+            return response
 
-    probe.add_node(service.partition("/")[0]).create_service(kind, service, answer)
-    process = start("rkhs", "robot", word)
-    probe.until(lambda: process.popen.poll() is not None)
+        service, kind, _ = SERVICES[word]
+        made[service.partition("/")[0]].create_service(kind, service, answer)
+
+    for word in SERVICES:
+        serve(word)
+    processes = {word: start("rkhs", "robot", word) for word in SERVICES}
+    probe.until(lambda: all(process.popen.poll() is not None for process in processes.values()))
     refused = (1, "", "error: veto was refused: as told\n")
-    assert process.finish() == (refused if word == "veto" else (0, f"{word}: done (as told)\n", ""))
-    assert len(requests) == 1
+    for word, process in processes.items():
+        assert process.finish() == (refused if word == "veto" else (0, f"{word}: done (as told)\n", ""))
+    assert sorted(requests) == sorted(SERVICES)

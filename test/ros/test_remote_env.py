@@ -65,6 +65,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", pytest.param(UNEVEN, marks=pytest.mark.nightly)])
 def test_a_thousand_steps_equal_those_of_the_environment(simulator: Simulate, make: Make, task: str) -> None:
     simulator(task)
+    check_env(make(gymnasium.make, "rkhs/Remote-v0").unwrapped)
     remote, direct = make(gymnasium.make, "rkhs/Remote-v0"), make(gymnasium.make, task)
     assert remote.observation_space == direct.observation_space
     assert remote.action_space == direct.action_space
@@ -101,11 +102,6 @@ def test_a_policy_that_holds_its_actions_is_trained_and_acts_alike(simulator: Si
         observation, *_ = remote.step(actions[-1])
     assert np.array_equal(actions, np.repeat(actions[::3], 3, axis=0))
     assert len(np.unique(actions)) == 3
-
-
-def test_gymnasiums_checker_accepts_the_remote_environment(simulator: Simulate, make: Make) -> None:
-    simulator("rkhs/Pendulum-v0")
-    check_env(make(gymnasium.make, "rkhs/Remote-v0").unwrapped)
 
 
 def test_invalid_input_is_refused_and_the_episode_continues(simulator: Simulate, make: Make) -> None:

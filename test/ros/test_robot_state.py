@@ -93,34 +93,18 @@ def test_the_robots_description_and_motions_are_published(start: Start, probe: P
     assert {joint.get("name") for joint in tree.findall("joint") if joint.get("type") != "fixed"} == set(expected.names)
 
 
-@pytest.mark.parametrize("parameters", [(), ("robot_state:=false",)], ids=["not asked", "declined"])
-def test_no_robot_state_is_published_by_default(start: Start, probe: Probe, parameters: tuple[str, ...]) -> None:
+def test_no_robot_state_is_published_by_default(start: Start, probe: Probe) -> None:
     viewer = Viewer(probe)
-    begin(start, probe, *parameters)
+    begin(start, probe)
     play(probe, batch=1)
     probe.settle()
     assert [probe.count_publishers(listener.topic_name) for listener in viewer.listeners] == [0, 0]
     assert (viewer.states, viewer.descriptions) == ([], [])
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        (
-            ("environment.id:=rkhs/Toy-v0", "robot_state:=true"),
-            "robot_state: expected a task with joints, got rkhs/Toy",
-        ),
-        (
-            ("environment.id:=Pendulum-v1", "robot_state:=true"),
-            "robot_state: expected a task with joints, got Pendulum",
-        ),
-        ((f"environment.id:={TASK}", "robot_state:=7"), "robot_state: expected bool, got 7"),
-    ],
-)
-def test_robot_state_of_a_task_without_a_robot_is_refused(
-    start: Start, parameters: tuple[str, ...], message: str
-) -> None:
-    given = [word for parameter in parameters for word in ("-p", parameter)]
+def test_robot_state_of_a_task_without_a_robot_is_refused(start: Start, domain: int) -> None:
+    given = ("-p", "environment.id:=rkhs/Toy-v0", "-p", "robot_state:=true")
+    message = "robot_state: expected a task with joints, got rkhs/Toy"
     code, _, err = start("simulator", "--ros-args", *given).finish()
     assert code == 2
     lines = [line for line in err.splitlines() if line.startswith("error: ")]

@@ -71,7 +71,7 @@ def written(parameters: Mapping[str, Any]) -> str:
 
 
 @settings(
-    max_examples=15,
+    max_examples=6,
     deadline=None,
     derandomize=True,
     database=None,

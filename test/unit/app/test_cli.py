@@ -57,23 +57,7 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
     config = (tmp_path / "run" / "config.yaml").read_text()
     assert "seed: 3" in config
     assert "horizon: 5" in config
-    header, *rows = (tmp_path / "run" / "curve.csv").read_text().splitlines()
-    assert header.split(",") == [
-        *(
-            "iteration",
-            "episodes",
-            "steps",
-            "evaluation_episodes",
-            "exploration_return",
-            "exploration_return_sd",
-            "evaluation_return",
-            "evaluation_return_sd",
-            "undiscounted_exploration_return",
-            "undiscounted_evaluation_return",
-        ),
-        *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
-    ]
-    assert len(rows) == 2
+    assert len((tmp_path / "run" / "curve.csv").read_text().splitlines()) == 1 + 2
 
 
 def test_evaluate_prints_the_evaluation_return(
@@ -92,19 +76,6 @@ def test_evaluate_prints_the_evaluation_return(
     assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != values["mean"]
 
 
-def test_evaluate_measures_the_policy_of_the_file(
-    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
-) -> None:
-    policy = random_policy(d=1, n=1)
-    save_policy(tmp_path / "toy.npz", policy, Task("rkhs/Toy-v0", {}, 12, 0.9))
-    values = json.loads(rkhs("evaluate", "toy.npz", "--episodes", 4).out)
-    runner = InlineRunner(Simulation("rkhs/Toy-v0"))
-    rewards = runner.collect(policy, Batch(0, 0, 4, 12, explore=False)).rewards
-    returns = (rewards * 0.9 ** np.arange(12)).sum(axis=1)
-    assert values["mean"] == pytest.approx(returns.mean(), rel=1e-12)
-    assert values["sd"] == pytest.approx(returns.std(), rel=1e-9)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -112,23 +83,9 @@ def test_evaluate_measures_the_policy_of_the_file(
         ("environment.id=rkhs/Toi-v0", "unknown environment 'rkhs/Toi-v0', did you mean 'rkhs/Toy-v0'?"),
         ("environment.id=CartPole-v1", "CartPole-v1 actions: expected a continuous space"),
         ("environment.options.angle=clip", "environment.options: expected options of rkhs/Toy-v0"),
-        ("environment.options.angle=clip", ". Use environment.options={} for none"),
-        ("environment.id=None-at-all", "unknown environment 'None-at-all', none of "),
-        ("environment.id=Pendulu", "unknown environment 'Pendulu', did you mean 'Pendulum-v1'?"),
         ("centres=20", "unknown key 'centres', did you mean 'algorithm.centres' or 'model.centres'?"),
-        ("bandwidth=[1]", "unknown key 'bandwidth', did you mean 'kernel.bandwidth'?"),
         ("algorithm.name=enac", " (algorithm={name: enac} selects 'enac' with its defaults)"),
-        ("algorithm.centers=9", "unknown key 'algorithm.centers', did you mean 'algorithm.centres'?\n"),
         ("name=1e5", "name: expected text (quote words that YAML reads as another type), got 100000.0"),
-        ("algorithm.name=rkhs_nacc", "unknown algorithm.name 'rkhs_nacc', did you mean 'rkhs_nac'?"),
-        ("kernel.form=rbg", "unknown kernel 'rbg', did you mean 'rbf'?"),
-        ("algorithm.critic=stepp", "algorithm.critic: unknown choice 'stepp', did you mean 'step'?"),
-        ("discount=2", "discount: expected a number in [0.0, 1.0], got 2.0"),
-        ("horizon=ten", "horizon: expected a whole number, got 'ten'"),
-        ("horizon", "--set: expected KEY=VALUE, got 'horizon'"),
-        ("horizon=[1", "--set: expected a value in YAML, got 'horizon=[1'"),
-        ("horizon={\n", "--set: expected a value in YAML"),
-        ("exploration_sd=[1, 2]", "exploration_sd: expected 1 number, got 2"),
         ("kernel.bandwidth=[1, 2]", "kernel.bandwidth: expected 1 number for the policy's inputs, got 2"),
     ],
 )
@@ -136,16 +93,10 @@ def test_an_invalid_setting_gives_one_line(rkhs: Run, change: str, message: str)
     assert_refused(rkhs("train", CONFIG, *SHORT, "--quiet", "--set", change), message)
 
 
-@pytest.mark.parametrize(("option", "value"), [("--seed", "-1"), ("--iterations", "0")])
-def test_an_option_out_of_range_gives_one_line(rkhs: Run, option: str, value: str) -> None:
-    assert_refused(rkhs("train", CONFIG, "--runner", "inline", option, value), f"{option[2:]}: expected a number in")
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"a: [1\nb: }", "cannot be parsed (line 2, column 2, 'b: }': expected ',' or ']', but got ':')"),
-        (b"\xff\xff", "cannot be parsed"),
         (b"", "expected sections"),
     ],
 )
@@ -199,7 +150,7 @@ def test_the_best_policy_of_an_unfinished_run_is_evaluated_with_a_note(rkhs: Run
     assert unfinished.err.startswith("note: run: the run has not finished; using its best policy so far. Continue with")
 
 
-@pytest.mark.parametrize("out", ["used", "used/file", "used/file/below"])
+@pytest.mark.parametrize("out", ["used", "used/file/below"])
 def test_a_folder_in_use_is_not_changed(rkhs: Run, tmp_path: Path, out: str) -> None:
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "file").write_text("kept")
@@ -215,16 +166,9 @@ def test_a_truncated_policy_file_gives_one_line(rkhs: Run, policy_file: Path) ->
         assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a complete policy file")
 
 
-def test_a_policy_with_wrong_dimensions_gives_one_line(
-    rkhs: Run, tmp_path: Path, random_policy: Callable[..., GaussianPolicy]
-) -> None:
-    save_policy(tmp_path / "p.npz", random_policy(d=3, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
-    assert_refused(rkhs("evaluate", "p.npz"), "expected a policy from 1 to 1 dimensions for rkhs/Toy-v0")
-
-
 @pytest.mark.parametrize(
     "arguments",
-    [("--episodes", "0"), ("--episodes", "99999"), ("--seed", "-1"), ("--discount", "1.5"), ("--discount", "nan")],
+    [("--episodes", "0"), ("--discount", "nan")],
 )
 def test_an_invalid_evaluation_gives_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
     assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
@@ -260,9 +204,8 @@ def imported_by(*arguments: str) -> set[str]:
     return set(done.stdout.rpartition("modules:")[2].split())
 
 
-@pytest.mark.parametrize("option", ["--help", "--version"])
-def test_help_and_version_import_the_standard_library_only(option: str) -> None:
-    modules = imported_by(option)
+def test_help_imports_the_standard_library_only() -> None:
+    modules = imported_by("--help")
     assert {name for name in modules if name.split(".")[0] not in sys.stdlib_module_names} == {
         *(
             "rkhs_ros",
@@ -277,12 +220,11 @@ def test_help_and_version_import_the_standard_library_only(option: str) -> None:
     }
 
 
-@pytest.mark.parametrize(("command", "spared"), [("evaluate", {"matplotlib", "joblib", "rich"}), ("plot", {"joblib"})])
-def test_a_command_imports_no_other(command: str, spared: set[str]) -> None:
-    modules = imported_by(command, "--help")
-    assert f"rkhs_ros.app.commands.{command}" in modules
-    assert not {f"rkhs_ros.app.commands.{name}" for name in COMMANDS if name != command} & modules
-    assert not {name.split(".")[0] for name in modules} & spared
+def test_a_command_imports_no_other() -> None:
+    modules = imported_by("evaluate", "--help")
+    assert "rkhs_ros.app.commands.evaluate" in modules
+    assert not {f"rkhs_ros.app.commands.{name}" for name in COMMANDS if name != "evaluate"} & modules
+    assert not {name.split(".")[0] for name in modules} & {"matplotlib", "joblib", "rich"}
 
 
 def test_help_lists_every_command(rkhs: Run) -> None:
@@ -304,21 +246,12 @@ def test_every_command_has_help(rkhs: Run, command: str) -> None:
     [
         ((), "the following arguments are required: COMMAND (see 'rkhs --help')"),
         (("trian",), "unknown command 'trian', did you mean 'train'?"),
-        (("xyz", "--help"), "unknown command 'xyz', known: check, compare, evaluate"),
         (("tr\nain",), "unknown command 'tr ain'"),
-        (("--verbose", "list"), "unrecognized arguments: --verbose (see 'rkhs --help')"),
         (("train", "a.yaml", "--seed", "x"), "argument --seed: invalid int value: 'x' (see 'rkhs train --help')"),
-        (("train", "a.yaml", "--seed", "x\ny"), "argument --seed: invalid int value"),
         (("train", "a.yaml", "b\nc.yaml"), "unrecognized arguments: b c.yaml"),
-        (("train", "--runner", "on\nfoot"), "argument --runner: invalid choice"),
-        (("evaluate",), "the following arguments are required: DIR|FILE (see 'rkhs evaluate --help')"),
         (("train", "x.yaml", "--algorithm", "RKHSNAC"), "unknown algorithm 'RKHSNAC', did you mean 'rkhs_nac'?"),
         (("evaluate", ""), "argument DIR|FILE: expected a path, got an empty text (see 'rkhs evaluate --help')"),
-        (("train", "a.yaml", "--out", ""), "argument --out: expected a path, got an empty text"),
-        (("train", "--resume="), "argument --resume: expected a path, got an empty text"),
         (("train", "x.yaml", "--set", "seed=1", "--set", "seed=2"), "--set: seed: expected one value, got '1' and '2'"),
-        (("offline", "x.mcap", "--set", "a.b=1", "a.b=2"), "--set: a.b: expected one value, got '1' and '2'"),
-        (("plot", "none"), "none: expected the folder of a run, got no such folder"),
     ],
 )
 def test_invalid_arguments_give_one_line(rkhs: Run, arguments: tuple[str, ...], message: str) -> None:
@@ -378,7 +311,7 @@ def test_simulate_needs_a_known_task(rkhs: Run) -> None:
 @pytest.mark.usefixtures("unbuilt")
 @pytest.mark.parametrize(
     "arguments",
-    [("status",), ("robot", "arm"), ("simulate", CONFIG), ("train", CONFIG, "--runner", "ros")],
+    [("status",), ("train", CONFIG, "--runner", "ros")],
 )
 def test_the_hint_for_pip_users_does_not_mention_make(
     rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
@@ -453,9 +386,8 @@ def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
     assert (values["sd"], values["interval_95"], values["undiscounted"]["interval_95"]) == (0.0, None, None)
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "render"])
-def test_a_path_that_is_not_utf_8_gives_one_line(rkhs: Run, tmp_path: Path, command: str) -> None:
-    assert_refused(rkhs(command, "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
+def test_a_path_that_is_not_utf_8_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
+    assert_refused(rkhs("train", "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
     assert list(tmp_path.iterdir()) == []
 
 

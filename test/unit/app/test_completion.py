@@ -16,9 +16,7 @@ CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
     [
         ("comp", {"compare "}),
         ("train --se", {"--seed", "--seeds", "--set"}),
-        ("train mine.yaml --runner co", {"composed "}),
         ("train mi", {"mine.yaml "}),
-        ("evaluate --e", {"--env", "--episodes"}),
         ("publ", {""}),
     ],
 )

@@ -73,7 +73,6 @@ def test_a_result_equals_that_of_a_configuration_file(tmp_path: Path) -> None:
 
 
 SOURCES: dict[str, Callable[[], Any]] = {
-    "an id": lambda: "Pendulum-v1",
     "an environment": lambda: gymnasium.make("Pendulum-v1"),
     "a vector environment": lambda: SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1")] * 2),
     "a function": lambda: lambda: gymnasium.make("Pendulum-v1"),
@@ -144,18 +143,6 @@ def test_typed_keywords_match_the_accepted_settings() -> None:
     assert set(LearnSettings.__annotations__) == of_run | others
 
 
-def test_equal_algorithms_train_equally_and_different_ones_do_not() -> None:
-    default, written, other = chosen = (
-        rkhs_ros.RKHSNAC(),
-        rkhs_ros.RKHSNAC(trace=0.95, value_ridge=0.001, step=rkhs_ros.KLStep()),
-        rkhs_ros.RKHSNAC(trace=0.5),
-    )
-    curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **SHORT).curve for each in chosen]
-    returns = [curve["evaluation_return"].tolist() for curve in curves]
-    assert default == written != other
-    assert returns[0] == returns[1] != returns[2]
-
-
 def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
     first = rkhs_ros.train("rkhs/Toy-v0", progress=False, **SHORT).policy
     first.save(tmp_path / "p.npz")
@@ -172,7 +159,7 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
         rkhs_ros.train("rkhs/Pendulum-v0", policy=first, **SHORT)
 
 
-@pytest.mark.parametrize("kernel", ["rbf + polynomial", rkhs_ros.RBF((2.0,)), rkhs_ros.KernelChoice(degree=2)], ids=str)
+@pytest.mark.parametrize("kernel", ["rbf + polynomial", rkhs_ros.RBF((2.0,))], ids=str)
 def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None:
     result = rkhs_ros.train("rkhs/Toy-v0", kernel=kernel, progress=False, **SHORT)
     if isinstance(kernel, rkhs_ros.RBF):
@@ -183,32 +170,20 @@ def test_a_kernel_is_given_by_its_form_its_choice_or_itself(kernel: Any) -> None
     ("arguments", "settings", "message"),
     [
         (("Pendulum-v1",), {"callbck": print}, r"^unknown setting 'callbck', did you mean 'callback'\?$"),
-        (("Pendulum-v1",), {"iteratons": 3}, r"^unknown setting 'iteratons', did you mean 'iterations'\?$"),
         (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
-        (("Pendulum-v1",), {"iterations": 2.5}, r"^iterations: expected a whole number, got 2\.5$"),
-        (("Pendulum-v1",), {"exploration_sd": "wide"}, r"^exploration_sd: unknown choice 'wide', known: range$"),
         (("Pendulum-v1",), {"inputs": 3}, r"^inputs: expected Inputs, got 3$"),
-        (("Pendulum-v1",), {"kernel": 3}, r"^kernel: expected KernelChoice, got 3$"),
         (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or a policy file, got 3$"),
-        (("Pendulum-v1", "rkhs_nacc"), {}, r"^unknown algorithm 'rkhs_nacc', did you mean 'rkhs_nac'\?$"),
-        (("Pendulum-v1",), {"centres": 9}, r"^unknown setting 'centres', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
         (
             ("Pendulum-v1", rkhs_ros.PoWER),
             {},
             r"^algorithm: expected an instance such as RKHSNAC\(\), got <class",
         ),
         (("Pendulum-v1", 3), {}, r"^algorithm: expected Algorithm, got 3$"),
-        (("Pendulum-v1", 0), {}, r"^algorithm: expected Algorithm, got 0$"),
         (("Pendulum-v1",), {"horizon": np.array(3)}, r"^horizon: expected a whole number, got array\(3\)$"),
-        (("Pendulum-v1",), {"exploration_sd": np.array(3.0)}, r"^exploration_sd: expected a list of numbers"),
-        (("Pendulum-v1",), {"optoins": {}}, r"^unknown setting 'optoins', did you mean 'options'\?$"),
         (("Pendulum-v1",), {"callback": "stop"}, r"^callback: expected a function of a Result, got stop$"),
-        (("CartPole-v1",), {}, r"^CartPole-v1 actions: expected a continuous space"),
         (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
         ((rkhs_ros.PoWER(), "Pendulum-v1"), {}, SWAPPED),
-        ((rkhs_ros.PoWER, "Pendulum-v1"), {}, SWAPPED),
         (("power", "Pendulum-v1"), {}, SWAPPED),
-        ((3,), {}, r"^environment: expected an id, an environment, or a function that returns one, got 3$"),
         ((lambda: 3,), {}, r"expected a function that returns an environment, got 3$"),
     ],
 )

@@ -1,6 +1,5 @@
 """Runs from Python with a folder, which equals the folder of the command line."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +89,7 @@ def test_commands_work_on_a_run_from_python(tmp_path: Path, capsys: pytest.Captu
     assert len(Curve(folder / "curve.csv").rows()) == 4
 
 
-@pytest.mark.parametrize("source", ["rkhs/Toy-v0", Slide, Slide()], ids=["id", "class", "instance"])
+@pytest.mark.parametrize("source", ["rkhs/Toy-v0", Slide()], ids=["id", "instance"])
 def test_a_run_that_a_callback_stops_resumes_bit_identically(source: Any, tmp_path: Path) -> None:
     whole = rkhs_ros.train(source, out=tmp_path / "whole", **SHORT)
     folder, seen = tmp_path / "stopped", list[int]()
@@ -119,15 +118,6 @@ def test_a_numpy_bool_of_a_callback_stops_and_none_does_not() -> None:
     runs = {answer: rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **SHORT) for answer in (None, True)}
     assert [len(run.rows) for run in runs.values()] == [3, 3]
     assert len(rkhs_ros.train("rkhs/Toy-v0", callback=lambda _: np.bool_(False), **SHORT).rows) == 1
-
-
-def test_a_loop_that_ends_early_leaves_a_complete_folder(tmp_path: Path) -> None:
-    settings = {name: value for name, value in SHORT.items() if name != "progress"}
-    for _ in rkhs_ros.learn("rkhs/Toy-v0", out=tmp_path / "run", **settings):
-        break
-    assert (tmp_path / "run" / "policy.npz").is_file()
-    with (tmp_path / "run" / "curve.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 1
 
 
 def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path) -> None:
@@ -190,13 +180,6 @@ def test_errors_of_the_folder(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_initial_policy_is_part_of_the_folder(tmp_path: Path) -> None:
-    first = rkhs_ros.train("rkhs/Toy-v0", **SHORT).policy
-    expected = rkhs_ros.train("rkhs/Toy-v0", policy=first, **SHORT)
-    run = rkhs_ros.train("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **SHORT)
-    assert run.curve["exploration_return"].tolist() == expected.curve["exploration_return"].tolist()
-
-
 def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
     result = rkhs_ros.train(Slide, out=folder, **SHORT)
@@ -212,15 +195,6 @@ def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, caps
         assert line.endswith("pass it to rkhs_ros.evaluate, or to rkhs_ros.train with resume=True")
 
 
-def test_runs_in_folders_of_seeds_are_those_of_the_command_line(tmp_path: Path) -> None:
-    for seed in (0, 1):
-        rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "runs" / f"seed_{seed}", **{**SHORT, "seed": seed})
-    (curve,) = rkhs_ros.compare([tmp_path / "runs"]).curves
-    assert curve.returns.shape == (2, 3)
-    resume = ("train", "--resume", tmp_path / "runs", "--iterations", "3", "--jobs", "1", "--quiet")
-    assert command(*resume) == 0
-
-
 def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
     class Fails(Slide):
         def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -228,12 +202,6 @@ def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
 
     with pytest.raises(rkhs_ros.RunError, match=r"Fails: step 1 of environment 0: RuntimeError: the cable is loose"):
         rkhs_ros.train(Fails, out=tmp_path / "run", **SHORT)
-
-
-def test_a_run_logs_for_tensorboard(tmp_path: Path) -> None:
-    pytest.importorskip("tensorboardX")
-    rkhs_ros.train("rkhs/Toy-v0", out=tmp_path / "run", tensorboard=True, **SHORT)
-    assert list((tmp_path / "run" / "tensorboard").glob("events.*"))
 
 
 def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None:

@@ -48,9 +48,7 @@ def foreign_run(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "command",
     [
-        ("evaluate", "run"),
         ("evaluate", "run/policy.npz"),
-        ("render", "run/policy.npz"),
         ("imitate", "run"),
         ("train", "--resume", "run", *INLINE),
     ],

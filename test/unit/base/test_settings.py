@@ -10,7 +10,6 @@ from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.step_rules import FixedStep
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.training_settings import Training, training_from
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Kernel, Linear, Product, Sum
 
 
@@ -59,27 +58,16 @@ def test_build_converts_whole_numbers_to_floats(tree: dict[str, Any], expected: 
         ({"coumt": 1}, r"^unknown key 'coumt', did you mean 'count'\?$"),
         ({"zzz": 1}, r"^unknown key 'zzz', known: count, either, inner, label, widths$"),
         ({"inner": {"rat": 1}}, r"^unknown key 'inner\.rat', did you mean 'inner\.rate'\?$"),
-        ({1: 1}, r"^unknown key '1'"),
         ({"count": 2.0}, r"^count: expected a whole number, got 2\.0$"),
         ({"count": True}, r"^count: expected a whole number, got True$"),
-        ({"count": "2"}, r"^count: expected a whole number, got '2'$"),
         ({"count": 0}, r"^count: expected a number in \[1, 9\], got 0$"),
-        ({"count": None}, r"^count: expected a whole number, got None$"),
         ({"inner": {"rate": "x"}}, r"^inner\.rate: expected a number, got 'x'$"),
-        ({"inner": {"rate": True}}, r"^inner\.rate: expected a number, got True$"),
-        ({"inner": {"rate": 1.5}}, r"^inner\.rate: expected a number in \[0\.0, 1\.0\], got 1\.5$"),
         ({"inner": {"rate": float("nan")}}, r"^inner\.rate: expected a number in .* got nan$"),
-        ({"inner": {"rate": 10**400}}, r"^inner\.rate: expected a number"),
         ({"inner": 3}, r"^inner: expected a section of keys, got 3$"),
-        ({"label": 3}, r"^label: expected text .*, got 3$"),
         ({"label": "be"}, r"^label: unknown choice 'be', did you mean 'bee'\?$"),
-        ({"widths": []}, r"^widths: expected a list of numbers, got \[\]$"),
-        ({"widths": "wide"}, r"^widths: expected a list of numbers, got 'wide'$"),
         ({"widths": [1.0, "x"]}, r"^widths: expected a list of numbers"),
         ({"widths": [1.0, -2.0]}, r"^widths: expected a number in \[0\.0, inf\], got -2\.0$"),
-        ({"widths": [float("inf")]}, r"^widths: expected a number in .* got inf$"),
         ({"either": "automatic"}, r"^either: unknown choice 'automatic', did you mean 'auto'\?$"),
-        ({"either": {"a": 1}}, r"^either: expected a list of numbers"),
     ],
 )
 def test_invalid_values_raise_one_line_errors(tree: dict[Any, Any], message: str) -> None:
@@ -98,8 +86,6 @@ def test_a_variant_is_built_by_name_with_its_settings() -> None:
 @pytest.mark.parametrize(
     ("algorithm", "message"),
     [
-        ({"name": "rkhs_nak"}, r"unknown algorithm\.name 'rkhs_nak', did you mean 'rkhs_nac'\?"),
-        (7, "algorithm: expected a section of keys, got 7"),
         ({"name": "rkhs_power", "critic": "step"}, r"unknown key 'algorithm\.critic'"),
         (
             {"name": "rkhs_nac", "step": {"rule": "fixd"}},
@@ -160,13 +146,10 @@ def test_entries_rebuild_the_same_settings() -> None:
     [
         (lambda: Training(iterations=-3), r"^iterations: expected a number in \[1, 1000000\], got -3$"),
         (lambda: Training(algorithm="rkhs_nac"), "^algorithm: expected Algorithm, got 'rkhs_nac'$"),
-        (lambda: RKHSNAC(centres=-1), r"^centres: expected a number in \[1, 2000\], got -1$"),
         (lambda: RKHSNAC(critic="stepp"), r"^critic: unknown choice 'stepp', did you mean 'step'\?$"),
         (lambda: RKHSNAC(step=3), "^step: expected FixedStep or KLStep or LineSearch, got 3$"),
         (lambda: RKHSPoWER(sd_minimum=5.0), r"sd_minimum: expected at most 4\.0, got 5\.0$"),
-        (lambda: FixedStep(size=True), "^size: expected a number, got True$"),
         (lambda: KernelChoice(bandwidth=0.0), r"^bandwidth: expected a number in \[1e-09, 1000000000\.0\], got 0\.0$"),
-        (lambda: Inputs(angles=(0.5,)), r"^inputs\.angles: expected whole numbers"),
     ],
 )
 def test_settings_created_in_python_are_checked(make: Any, message: str) -> None:

@@ -32,8 +32,9 @@ print(within == [{1}] * len(within), len(within) > 10, between, dict(os.environ)
 """
 
 
-@pytest.mark.parametrize("first", IMPORTS)
-@pytest.mark.parametrize("variable", ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"])
+@pytest.mark.parametrize(
+    ("first", "variable"), [("numpy first", "OMP_NUM_THREADS"), ("rkhs_ros first", "OPENBLAS_NUM_THREADS")]
+)
 def test_training_and_evaluation_limit_the_threads_while_they_run(first: str, variable: str) -> None:
     inherited = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     environment = {**inherited, variable: "2", "PYTHONPATH": f"{ROOT}{os.pathsep}{inherited.get('PYTHONPATH', '')}"}

@@ -10,7 +10,6 @@ import pytest
 from rkhs_ros.learning.diagnosis import (
     REWARD_PATIENCE,
     SIGNS,
-    Advice,
     Diagnosis,
     Summary,
     advice_on,
@@ -151,8 +150,3 @@ def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iterati
     assert given[REWARD_PATIENCE - 1] == advice == SIGNS[0][1]
     resumed = Diagnosis(spaces, given=[str(advice)])
     assert [resumed.advise(each) for each in silent] == [None] * 3
-
-
-def test_advice_is_one_line() -> None:
-    assert str(Advice("nothing moves", "a larger force")) == "nothing moves; try a larger force"
-    assert len({advice.what for _, advice in SIGNS}) == len(SIGNS)

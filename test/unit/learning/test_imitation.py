@@ -13,7 +13,6 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
@@ -40,13 +39,6 @@ def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
     np.testing.assert_allclose(fitted.variance(x)[0], np.mean(residual**2, axis=0))
 
 
-def test_imitation_uses_the_inputs_of_the_policy(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
-    shown = random_episodes(random_policy(), n=5, horizon=6)
-    fitted = Imitation(inputs=Inputs(history=2)).fit(shown, SPACES)
-    assert fitted.mean.input_dim == 2 * (2 + 2)
-    assert fitted.inputs == Inputs(history=2)
-
-
 def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
     random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
@@ -57,11 +49,6 @@ def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
     assert np.array_equal(fitted.mean.centres, alike.mean.centres)
     assert np.array_equal(fitted.mean.weights, alike.mean.weights)
     assert np.array_equal(fitted.variance.values, alike.variance.values)
-
-
-def test_imitation_without_steps_is_rejected(random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
-    with pytest.raises(ValueError, match="episodes: expected at least one step, got none"):
-        Imitation().fit(random_episodes(random_policy()).take(slice(0)), SPACES)
 
 
 @pytest.mark.slow
@@ -104,14 +91,10 @@ SHOWN = {"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 3, 1))}
     ("arrays", "message"),
     [
         ({"actions": np.zeros((2, 3, 1))}, "arrays: expected an array observations, got actions"),
-        ({"observations": np.zeros((2, 3)), "actions": np.zeros((2, 3, 1))}, "observations: expected three dimensions"),
-        ({"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 4, 1))}, "episodes' actions: expected"),
         ({"observations": np.full((2, 3, 1), np.nan), "actions": np.zeros((2, 3, 1))}, "observations: expected finite"),
         (SHOWN | {"rewards": np.zeros((2, 3), dtype=complex)}, "rewards: expected real numbers"),
         (SHOWN | {"mask": np.full((2, 3), "True")}, "mask: expected Boolean values"),
-        (SHOWN | {"mask": np.full((2, 3), 0.5)}, "mask: expected Boolean values"),
         (SHOWN | {"final_observations": np.full((2, 1), np.nan)}, "final_observations: expected finite"),
-        (SHOWN | {"final_observations": np.zeros((2, 4))}, "final_observations: expected"),
         (SHOWN | {"terminated": np.zeros((2, 3), dtype=bool)}, "terminated: expected the shape"),
     ],
 )

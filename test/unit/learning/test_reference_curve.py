@@ -26,6 +26,8 @@ def test_the_pendulum_curve_is_bit_identical_to_the_reference() -> None:
     got = columns([iteration.row(0.0) for iteration in train(config.training, runner)])
     with KEPT.open(newline="") as file:
         lines = list(csv.DictReader(file))
+    # The optimum is 51.8 and the first policy earns about 5; this seed ends at 51.5, so the margin is wide.
+    assert got["evaluation_return"][-1] > 50.0
     processors = {library["architecture"] for library in threadpool_info() if library["user_api"] == "blas"}
     exact = (np.__version__, scipy.__version__, processors) == MADE_WITH
     for name in lines[0]:

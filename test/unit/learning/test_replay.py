@@ -59,7 +59,7 @@ def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch
     return Episodes.without_ends(observations, actions, np.zeros(shape), mask)
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(
     st.integers(0, 10**6),
     st.sampled_from(KINDS),

@@ -62,10 +62,9 @@ def test_the_first_policy_has_mean_0_and_the_given_deviations() -> None:
         first_policy(model_free(exploration_sd=(0.5, 2.0)), Spaces.unbounded(3, 3))
 
 
-@pytest.mark.parametrize("name", ["power", "rkhs_power"])
-def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early(name: str) -> None:
+def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early() -> None:
     def begin(**changes: object) -> None:
-        cubic = model_free(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS[name](**changes))
+        cubic = model_free(kernel=KernelChoice("rbf + polynomial"), algorithm=ALGORITHMS["rkhs_power"](**changes))
         first_state(cubic, Spaces.unbounded(2, 1))
 
     with pytest.raises(
@@ -124,8 +123,10 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
         )
 
 
-@pytest.mark.parametrize("algorithm", [RKHSNAC(), RKHSNAC(step=LineSearch(choices=2, episodes=1))])
-@pytest.mark.parametrize("every", [0, 1, 2])
+@pytest.mark.parametrize(
+    ("algorithm", "every"),
+    [(RKHSNAC(), 0), (RKHSNAC(), 2), (RKHSNAC(step=LineSearch(choices=2, episodes=1)), 1)],
+)
 def test_exploring_episodes_that_run_ahead_are_bit_identical(
     algorithm: RKHSNAC, every: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
@@ -154,21 +155,14 @@ def test_the_median_bandwidth_of_the_first_iteration_does_not_change() -> None:
     assert {i.policy.mean.kernel for i in iterations} == {expected}
 
 
-def test_a_longer_run_starts_with_the_same_iterations(arrays_of: Callable[[Any], dict[str, np.ndarray]]) -> None:
-    short, long = (list(train(replace(SHORT, iterations=n), InlineRunner(Simulation("rkhs/Toy-v0")))) for n in (2, 4))
-    for one, other in zip(short, long[:2], strict=True):
-        a, b = arrays_of(one), arrays_of(other)
-        assert all(a[name].tobytes() == b[name].tobytes() for name in b)
-
-
-@pytest.mark.parametrize("done", range(4))
+@pytest.mark.parametrize("done", [1, 2])
 def test_a_run_resumes_from_any_state_bit_identically(
     done: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
 ) -> None:
     runner = Watching()
     whole = list(train(SHORT, runner))
     asked = len(runner.batches)
-    rest = list(train(SHORT, runner, whole[done - 1].state if done else None))
+    rest = list(train(SHORT, runner, whole[done - 1].state))
     assert [i.number for i in rest] == list(range(done + 1, 4))
     assert runner.batches[asked:] == runner.batches[2 * done : asked]
     for one, other in zip(whole[done:], rest, strict=True):
@@ -260,15 +254,6 @@ def test_no_episodes_run_ahead_in_large_batches(horizon: int, together: bool) ->
     state = first_state(training, runner.spaces)
     assert len(Collector(training, runner, state).evaluate(state.policy, explores_next=True)) == 2
     assert [batch.num_envs for batch in runner.batches] == [10 if together else 2]
-
-
-@pytest.mark.slow
-def test_rkhs_nac_swings_the_pendulum_up() -> None:
-    config = load_config(CONFIG / "pendulum_nac.yaml", ["seed=0"])
-    *_, last = train(config.training, InlineRunner(Simulation(config.environment.id, config.environment.options)))
-    # The optimum is 51.8 and the first policy earns about 5; this seed ends at 51.5, so the margin is wide.
-    assert last.number == 40
-    assert last.evaluation_returns.mean() > 50.0
 
 
 @pytest.mark.slow

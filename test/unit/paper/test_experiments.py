@@ -33,11 +33,25 @@ def files(run: Path) -> dict[Path, int]:
     return {file: file.stat().st_mtime_ns for file in run.rglob("*") if file.is_file()}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def experiment() -> Experiment:
     nac, ac = (Curve(name, ROOT / "config" / f"toy_{name}.yaml", SHORT) for name in ("nac", "ac"))
     longer = replace(nac, label="longer", changes=(*SHORT, "iterations=3"))
     return Experiment("small", "Small", 2, "sd", (Panel("left", (nac, ac)), Panel("right", (longer,))))
+
+
+@pytest.fixture(scope="module")
+def finished(experiment: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of an experiment with one run per curve."""
+    folder = tmp_path_factory.mktemp("finished")
+    make_table(experiment, folder, runs=1)
+    return folder
+
+
+@pytest.fixture
+def table(finished: Path, tmp_path: Path) -> Path:
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    return next(tmp_path.glob("*.csv"))
 
 
 def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
@@ -66,8 +80,9 @@ def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, t
 
 
 @pytest.mark.slow
-def test_an_interrupted_experiment_runs_only_what_is_missing(experiment: Experiment, tmp_path: Path) -> None:
-    table = make_table(experiment, tmp_path, runs=1)
+def test_an_interrupted_experiment_runs_only_what_is_missing(
+    experiment: Experiment, tmp_path: Path, table: Path
+) -> None:
     whole = table.read_bytes()
     lost, *finished = sorted((tmp_path / "runs").iterdir())
     lost.rename(tmp_path / "elsewhere")
@@ -80,25 +95,17 @@ def test_an_interrupted_experiment_runs_only_what_is_missing(experiment: Experim
 
 
 @pytest.mark.slow
-def test_an_incomplete_run_is_repeated(experiment: Experiment, tmp_path: Path) -> None:
-    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+def test_a_damaged_curve_is_written_again(experiment: Experiment, tmp_path: Path, table: Path) -> None:
+    whole = table.read_bytes()
     curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
-    curve.write_bytes(curve.read_bytes()[:-9])
-    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    for left in (curve.read_bytes()[:-9], b"\xff\n"):
+        curve.write_bytes(left)
+        assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("left", [b"", b"iteration,episodes\n", b"\xff\n"], ids=["empty", "header", "no text"])
-def test_a_damaged_curve_is_written_again(experiment: Experiment, tmp_path: Path, left: bytes) -> None:
-    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
-    curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
-    curve.write_bytes(left)
-    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_resumes_from_its_checkpoint(experiment: Experiment, tmp_path: Path) -> None:
-    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+def test_an_interrupted_run_resumes_from_its_checkpoint(experiment: Experiment, tmp_path: Path, table: Path) -> None:
+    whole = table.read_bytes()
     curve = LearningCurve(min((tmp_path / "runs").iterdir()) / "curve.csv")
     first, *_ = curve.rows()
     curve.begin([first])
@@ -107,8 +114,8 @@ def test_an_interrupted_run_resumes_from_its_checkpoint(experiment: Experiment, 
 
 
 @pytest.mark.slow
-def test_failed_runs_are_reported_after_the_others_finish(experiment: Experiment, tmp_path: Path) -> None:
-    whole = make_table(experiment, tmp_path, runs=1).read_bytes()
+def test_failed_runs_are_reported_after_the_others_finish(experiment: Experiment, tmp_path: Path, table: Path) -> None:
+    whole = table.read_bytes()
     bad = min((tmp_path / "runs").iterdir())
     shutil.rmtree(bad)
     bad.write_text("in the way")
@@ -120,13 +127,13 @@ def test_failed_runs_are_reported_after_the_others_finish(experiment: Experiment
 
 @pytest.mark.slow
 def test_runs_of_other_versions_are_repeated(
-    experiment: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    experiment: Experiment, tmp_path: Path, table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def made() -> int:
         make_table(experiment, tmp_path, runs=1)
         return len(list((tmp_path / "runs").iterdir()))
 
-    assert [made(), made()] == [3, 3]
+    assert made() == 3
     for name, value in (("__version__", "9.9.9"), ("LIBRARIES", {"numpy": "1"})):
         monkeypatch.setattr(provenance, name, value)
         before = made()
@@ -134,14 +141,8 @@ def test_runs_of_other_versions_are_repeated(
 
 
 @pytest.mark.slow
-def test_the_number_of_processes_does_not_change_the_results(experiment: Experiment, tmp_path: Path) -> None:
-    one, two = (make_table(experiment, tmp_path / str(j), runs=2, jobs=j) for j in (1, 2))
-    assert one.read_bytes() == two.read_bytes()
-
-
-@pytest.mark.slow
-def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
-    table = load_table(make_table(experiment, tmp_path, runs=2))
+def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path, finished: Path) -> None:
+    table = load_table(next(finished.glob("*.csv")))
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")
@@ -150,13 +151,6 @@ def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> No
     one, other = (picture.read_bytes() for picture in pictures)
     assert one[:8] == b"\x89PNG\r\n\x1a\n"
     assert one != other
-
-
-def test_an_invalid_table_is_rejected(tmp_path: Path) -> None:
-    file = tmp_path / "fig1.csv"
-    file.write_text("a,b\n1,2\n")
-    with pytest.raises(ValueError, match="expected the table of an experiment"):
-        load_table(file)
 
 
 @pytest.mark.parametrize("name", PAPER_RUNS)
@@ -180,10 +174,8 @@ def test_curves_of_a_panel_have_different_styles() -> None:
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("reproduce", "fig22"), "unknown experiment 'fig22', did you mean 'fig2'?"),
         (("reproduce", "fig3"), "unknown experiment 'fig3', did you mean 'fig3-pendulum' or 'fig3-toy'?"),
         (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
-        (("reproduce", "fig1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
     ],
 )
 def test_bad_input_is_rejected_in_one_line(

@@ -48,7 +48,7 @@ pytestmark = pytest.mark.slow
 
 LONG = "somebodys_package.environments.quadrupeds:VeryLongNamed/QuadrupedOnUnevenGround-v12"
 PENDULUM = Task("rkhs/Pendulum-v0", {}, 100, 0.99)
-SIZES = pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
+SIZES = pytest.mark.parametrize("size", [1e-3, 1e6])
 TOUCHING = 0.5  # pixels by which boxes may overlap
 LEAST_PLOT = 80  # pixels
 CONFIG = Path(__file__).parents[3] / "config" / "pendulum_nac.yaml"
@@ -146,15 +146,13 @@ def curve(iterations: int, size: float) -> dict[str, Array]:
 
 
 @SIZES
-@pytest.mark.parametrize(("task", "iterations"), [(PENDULUM, 1), (PENDULUM, 1000), (Task(LONG, {}, 1, 0.9), 2)])
+@pytest.mark.parametrize(("task", "iterations"), [(PENDULUM, 1000), (Task(LONG, {}, 1, 0.9), 2)])
 def test_the_learning_curve_is_clear(task: Task, iterations: int, size: float) -> None:
     assert_clear(curve_figure(curve(iterations, size), task))
 
 
 @SIZES
-@pytest.mark.parametrize(
-    ("d", "n", "steps"), [(1, 1, 1), (1, 1, 1000), (2, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 1, 1000)]
-)
+@pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1000), (2, 3, 1000), (17, 6, 1)])
 def test_the_policy_is_clear(d: int, n: int, steps: int, size: float) -> None:
     made = episodes(2, steps, d, n)
     assert_clear(policy_figure(policy(d, n, size=size), bounded(d, n, size), long_names(d, n), made, LONG))
@@ -168,7 +166,7 @@ def test_a_zero_policy_of_windows_without_bounds_is_clear() -> None:
 
 
 @SIZES
-@pytest.mark.parametrize(("n", "count"), [(1, 1000), (2, 1), (6, 1000)])
+@pytest.mark.parametrize(("n", "count"), [(1, 1000), (2, 1), (6, 100)])
 def test_attempts_are_clear(count: int, n: int, size: float) -> None:
     tried, learnt, spaces = episodes(count, 1, 3, n, size), episodes(1, 1, 3, n, size), bounded(3, n, 1e-3)
     for success in (None, 0.5 * size):
@@ -208,7 +206,7 @@ def experiment_of(panels: int, curves: int, runs: int, iterations: int, size: fl
     return Experiment("fig9", "Inverted pendulum, partially observed", runs, "sd", tuple(made)), table
 
 
-@pytest.mark.parametrize(("frames", "shape"), [(1, (30, 40)), (1000, (12, 16)), (6, (64, 20))])
+@pytest.mark.parametrize(("frames", "shape"), [(1, (30, 40)), (1000, (12, 16))])
 def test_a_strip_of_a_film_is_clear(frames: int, shape: tuple[int, int]) -> None:
     pictures = np.zeros((frames, *shape, 1), dtype=np.uint8) + np.arange(3, dtype=np.uint8)
     film = Film(pictures, [f"step {k}" for k in range(frames)])
@@ -220,10 +218,9 @@ def test_a_strip_of_a_film_is_clear(frames: int, shape: tuple[int, int]) -> None
 
 @SIZES
 @pytest.mark.parametrize(
-    ("d", "n", "rows", "steps"),
-    [(1, 1, 1, 1), (1, 1, 20, 1000), (2, 1, 1, 1), (2, 3, 20, 1000), (17, 6, 1, 1), (17, 1, 20, 1000)],
+    ("d", "n", "rows", "steps", "is_known"),
+    [(1, 1, 20, 1000, True), (2, 1, 1, 1, True), (2, 3, 20, 1000, False), (17, 6, 1, 1, True)],
 )
-@pytest.mark.parametrize("is_known", [True, False])
 def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, size: float, is_known: bool) -> None:
     made = episodes(rows, steps, d, n, size)
     made = replace(made, observations=size * made.observations)
@@ -235,7 +232,7 @@ def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, 
 
 
 @SIZES
-@pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1), (2, 3, 1000), (17, 6, 1), (17, 6, 1000)])
+@pytest.mark.parametrize(("d", "n", "steps"), [(1, 1, 1), (17, 6, 1000)])
 def test_the_timeline_is_clear(d: int, n: int, steps: int, size: float) -> None:
     made = episodes(1, steps, d, n)
     figure = Timeline(long_names(d, n)).figure(size * made.observations[0], made.actions[0])

@@ -54,9 +54,7 @@ def test_the_kinds_of_a_batch_cover_its_environments(batch: Batch) -> None:
     ("changes", "message"),
     [
         ({"num_evaluation": 4}, "num_evaluation: expected at most 3 episodes, got 4"),
-        ({"num_evaluation": -1}, "num_evaluation: expected at most 3 episodes, got -1"),
         ({"explore": False, "num_evaluation": 1}, "num_evaluation: expected at most 0 episodes, got 1"),
-        ({"first_evaluation": 1}, "first_evaluation: expected 0 to 0, got 1"),
         ({"num_evaluation": 1, "first_evaluation": 2**63}, f"first_evaluation: expected 0 to {2**63 - 1}, got {2**63}"),
     ],
 )
@@ -88,14 +86,8 @@ def test_each_number_of_a_batch_has_limits(name: str, least: int, most: int) -> 
             Batch(**{**batch, name: value})
 
 
-def test_a_batch_has_at_most_ten_million_samples() -> None:
-    assert Batch(0, 0, 10_000, 1000, explore=True).horizon == 1000
-    with pytest.raises(ValueError, match="num_envs and horizon: expected at most 10000000 samples, got 10010000"):
-        Batch(0, 0, 10_000, 1001, explore=True)
-
-
 @pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
-@pytest.mark.parametrize("num_envs", [0, 1, 4])
+@pytest.mark.parametrize("num_envs", [0, 4])
 def test_a_mixed_batch_is_bit_identical_to_separate_batches(
     random_policy: MakePolicy, learnt: bool, num_envs: int
 ) -> None:
@@ -105,21 +97,13 @@ def test_a_mixed_batch_is_bit_identical_to_separate_batches(
     runner.record = lambda batch, episodes, _: recorded.append(batch)
     exploring, num_evaluation = Batch(0, 10, 3, 30, explore=True), Batch(0, 7, 4, 30, explore=False)
     both = runner.collect(policy, exploring.with_evaluation(num_evaluation))
-    assert {key for batch in recorded for key in batch.keys} == {*num_evaluation.keys, *exploring.keys}
     assert all(batch.num_evaluation == 0 for batch in recorded)
+    assert {key for batch in recorded for key in batch.keys} == {*num_evaluation.keys, *exploring.keys}
+    assert num_envs or recorded == [num_evaluation, exploring]
     first, last = runner.collect(policy, exploring), runner.collect(policy, num_evaluation)
     for name in ARRAYS:
         apart = np.concatenate([getattr(first, name), getattr(last, name)])
         assert apart.tobytes() == getattr(both, name).tobytes()
-
-
-def test_evaluation_episodes_are_recorded_before_exploring_ones(random_policy: MakePolicy) -> None:
-    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
-    recorded: list[Batch] = []
-    runner.record = lambda batch, episodes, _: recorded.append(batch)
-    exploring, num_evaluation = Batch(0, 10, 3, 2, explore=True), Batch(0, 7, 4, 2, explore=False)
-    runner.collect(random_policy(n=1), exploring.with_evaluation(num_evaluation))
-    assert recorded == [num_evaluation, exploring]
 
 
 def test_without_exploration_all_environments_use_the_mean(random_policy: MakePolicy) -> None:

@@ -85,11 +85,6 @@ def test_an_action_does_not_depend_on_other_environments(
     assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))
 
 
-def test_without_exploration_the_action_is_the_mean(random_policy: Make, rng: np.random.Generator) -> None:
-    policy, x = random_policy(), rng.normal(size=(3, 2))
-    assert np.array_equal(Acting(policy, Batch(0, 0, 3, 5, explore=False), explore=False)(1, x), policy.mean(x))
-
-
 def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> None:
     most = Batch(0, 0, 10_000, 1000, explore=True)  # as many samples as a batch may have
     Acting(random_policy(n=10), most, explore=True)
@@ -100,11 +95,6 @@ def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> 
 def test_mean_and_variance_of_different_dimensions_are_rejected(random_policy: Make) -> None:
     with pytest.raises(ValueError, match="variance: expected 2 action dimensions like the mean, got 3"):
         replace(random_policy(n=2), variance=ConstantVariance(np.ones(3)))
-
-
-def test_mean_and_variance_of_different_inputs_are_rejected(random_policy: Make) -> None:
-    with pytest.raises(ValueError, match="variance centres: expected 3 columns, got 2"):
-        GaussianPolicy(random_policy(d=3, learnt=True).mean, random_policy(d=2, learnt=True).variance)
 
 
 @over_variances

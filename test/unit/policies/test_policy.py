@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -62,11 +61,6 @@ def test_wrong_shapes_and_non_finite_observations_are_rejected(rng: np.random.Ge
     policy(np.zeros(3))
 
 
-def test_a_policy_must_match_its_spaces(rng: np.random.Generator) -> None:
-    with pytest.raises(ValueError, match="policy: expected one from"):
-        Policy(over(2, rng), TASK, Spaces((4,), -BOUNDS, BOUNDS))
-
-
 def test_it_is_saved_with_its_bounds_and_loaded(tmp_path: Path, rng: np.random.Generator) -> None:
     policy = Policy(over(2, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
     policy.save(tmp_path / "p.npz")
@@ -83,18 +77,6 @@ def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, rando
     save_policy(tmp_path / "window.npz", replace(random_policy(d=4, n=2), inputs=Inputs(history=3)), TASK)
     with pytest.raises(ValueError, match="policy: expected one from"):
         load(tmp_path / "window.npz")
-
-
-def test_it_acts_in_a_gymnasium_environment(random_policy: MakePolicy) -> None:
-    env = gymnasium.make("Pendulum-v1")
-    space = env.action_space
-    assert isinstance(space, gymnasium.spaces.Box)
-    policy = Policy(random_policy(d=3, n=1), TASK, Spaces((3,), space.low, space.high))
-    observation, _ = env.reset(seed=0)
-    for _ in range(5):
-        action = policy(observation)
-        assert env.action_space.contains(action)
-        observation, *_ = env.step(action)
 
 
 def test_the_policy_copies_observations(rng: np.random.Generator) -> None:

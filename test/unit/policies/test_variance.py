@@ -72,12 +72,6 @@ def test_far_from_all_centres_the_variance_is_the_mean_by_mass() -> None:
     np.testing.assert_allclose(far, (1.0 * 1.0 + 3.0 * 4.0) / 4.0, rtol=1e-12)
 
 
-def test_the_scale_of_the_mass_does_not_matter() -> None:
-    x = np.linspace(-3, 5, 9)[:, None]
-    scaled = KernelVariance(**{**GOOD, "mass": 1e6 * GOOD["mass"]})
-    np.testing.assert_allclose(scaled(x), KernelVariance(**GOOD)(x), rtol=1e-12)
-
-
 def test_a_row_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
     x = np.concatenate([rng.normal(size=(20, 1)), [[1e6]], rng.normal(size=(20, 1))])
     variance = KernelVariance(**GOOD)
@@ -88,16 +82,9 @@ def test_a_row_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
     ("change", "message"),
     [
         ({"centres": np.zeros((0, 1)), "mass": np.zeros(0), "values": np.zeros((0, 1))}, "centres: expected at least"),
-        ({"centres": np.zeros(2)}, "variance centres: expected a matrix"),
-        ({"centres": np.zeros((3, 1))}, "variance centres: expected"),
-        ({"values": np.zeros(2)}, "variance values: expected a matrix"),
         ({"values": np.array([[1.0], [-1.0]])}, "variance values: expected numbers >= 0"),
-        ({"values": np.array([[1.0], [np.nan]])}, "variance values: expected finite"),
         ({"mass": np.array([1.0, 0.0])}, "variance mass: expected positive"),
-        ({"mass": np.ones(3)}, "mass: expected"),
-        ({"minimum": np.array([0.0])}, "variance minimum: expected positive"),
         ({"minimum": np.array([10.0])}, "variance minimum: expected at most the maximum"),
-        ({"maximum": np.ones(2)}, "variance maximum: expected"),
     ],
 )
 def test_variances_of_wrong_shape_or_out_of_range_are_rejected(change: dict[str, np.ndarray], message: str) -> None:
@@ -105,7 +92,7 @@ def test_variances_of_wrong_shape_or_out_of_range_are_rejected(change: dict[str,
         KernelVariance(**{**GOOD, **change})
 
 
-@pytest.mark.parametrize("values", [[0.0], [-1.0], [1.0, np.nan], [[1.0]]])
+@pytest.mark.parametrize("values", [[0.0], [[1.0]]])
 def test_a_constant_variance_must_be_positive_and_one_dimensional(values: list[float]) -> None:
     with pytest.raises(ValueError, match="variance: expected"):
         ConstantVariance(np.array(values))
@@ -140,18 +127,3 @@ def test_a_row_of_a_function_variance_does_not_depend_on_other_rows(rng: np.rand
     function = Function(RBF((0.7,)), rng.normal(size=(23, 2)), rng.normal(size=(23, 2)))
     variance, x = FunctionVariance(function, np.full(2, 0.1), np.full(2, 9.0)), rng.normal(size=(31, 2))
     assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
-
-
-@pytest.mark.parametrize(
-    ("bounds", "message"),
-    [
-        (([0.0], [1.0]), "variance minimum: expected positive"),
-        (([2.0], [1.0]), "variance minimum: expected at most the maximum"),
-        (([1.0], [np.inf]), "variance maximum: expected finite"),
-        (([1.0], [2.0, 2.0]), "variance maximum: expected"),
-    ],
-)
-def test_invalid_bounds_are_rejected(bounds: tuple[list[float], list[float]], message: str) -> None:
-    function = Function(RBF((1.0,)), np.zeros((1, 2)), np.ones((1, 1)))
-    with pytest.raises(ValueError, match=message):
-        FunctionVariance(function, *map(np.array, bounds))

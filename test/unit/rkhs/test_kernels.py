@@ -12,8 +12,6 @@ from rkhs_ros.rkhs.kernels import (
     Kernel,
     Linear,
     Polynomial,
-    Product,
-    Sum,
     Term,
     deviations,
     kernel_from_terms,
@@ -40,30 +38,15 @@ bandwidths = st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3).map(tuple)
 
 
 @over_all_kernels
-@given(x=points, y=points)
-def test_a_kernel_is_symmetric_in_its_arguments(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
-    np.testing.assert_allclose(kernel(x, y), kernel(y, x).T, rtol=1e-12)
-
-
-@over_all_kernels
 @given(x=points)
-def test_every_gram_matrix_is_positive_semi_definite(kernel: Kernel, x: np.ndarray) -> None:
-    gram = kernel(x, x)
+def test_a_gram_matrix_is_positive_semi_definite_and_has_its_diagonal_and_rows(kernel: Kernel, x: np.ndarray) -> None:
+    gram, row_of = kernel(x, x), kernel.row_by_row(x)
+    np.testing.assert_allclose(gram, gram.T, rtol=1e-12)
+    np.testing.assert_allclose(kernel.diagonal(x), np.diag(gram), rtol=1e-12)
+    assert all(np.array_equal(row_of(i), gram[i]) for i in range(len(x)))
+    assert not kernel.is_positive or gram.min() >= 0.0
     smallest = np.linalg.eigvalsh((gram + gram.T) / 2).min()
     assert smallest >= -1e-12 * max(np.trace(gram), 1.0)
-
-
-@over_all_kernels
-@given(x=points)
-def test_the_diagonal_matches_the_gram_matrix(kernel: Kernel, x: np.ndarray) -> None:
-    np.testing.assert_allclose(kernel.diagonal(x), np.diag(kernel(x, x)), rtol=1e-12)
-
-
-@over_all_kernels
-@given(x=points)
-def test_single_rows_match_the_gram_matrix(kernel: Kernel, x: np.ndarray) -> None:
-    row_of, gram = kernel.row_by_row(x), kernel(x, x)
-    assert all(np.array_equal(row_of(i), gram[i]) for i in range(len(x)))
 
 
 @given(x=points, centres=points, bandwidth=bandwidths, place=st.sampled_from([-1e9, -1e3, 1e6]))
@@ -112,11 +95,6 @@ def test_sum_and_product_combine_values(x: np.ndarray, y: np.ndarray) -> None:
     np.testing.assert_array_equal((rbf * polynomial)(x, y), rbf(x, y) * polynomial(x, y))
 
 
-def test_products_take_precedence_over_sums() -> None:
-    a, b, c = RBF((1.0,)), Polynomial(1.0, 1), Polynomial(0.0, 2)
-    assert a + b * c == Sum(a, Product(b, c))
-
-
 @over_all_kernels
 def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
     assert kernel_from_terms(kernel.terms()) == kernel
@@ -126,26 +104,16 @@ def test_terms_rebuild_the_kernel(kernel: Kernel) -> None:
     ("terms", "message"),
     [
         ([("rbff", (1.0,))], "unknown kernel 'rbff', did you mean 'rbf'"),
-        ([("matern", (1.0,))], "unknown kernel 'matern'"),
         ([], "expected one kernel in postfix order, got 0"),
-        ([("rbf", (1.0,)), ("rbf", (1.0,))], "expected one kernel in postfix order, got 2"),
         ([("sum", ())], "expected two kernels before it, got 0"),
-        ([("rbf", (1.0,)), ("product", ())], "expected two kernels before it, got 1"),
         ([("rbf", (1.0,)), ("rbf", (1.0,)), ("sum", (1.0,))], "kernel 'sum' parameters: expected none, got 1 numbers"),
         ([("rbf", (1.0,))] * 1000 + [("sum", ())] * 999, "kernel terms: expected at most 100, got more"),
         ([("x\n" * 10**6, ())], r"unknown kernel 'x x .*\.\.\.', known: (\w+, )+\w+$"),
         ([("rbf", ())], "rbf bandwidth: expected"),
-        ([("rbf", (-1.0,))], "rbf bandwidth: expected"),
-        ([("polynomial", (1.0,))], "polynomial parameters: expected 2 numbers"),
+        ([("rbf", (float("nan"),))], "rbf bandwidth: expected positive finite numbers"),
         ([("polynomial", (-1.0, 2.0))], "polynomial offset: expected"),
         ([("polynomial", (1.0, 2.5))], "polynomial degree: expected"),
-        ([("polynomial", (1.0, float("nan")))], "polynomial degree: expected"),
-        ([("linear", ())], "linear scale: expected positive finite numbers, one per coordinate"),
-        ([("linear", (1.0,))], "linear parameters: expected as many centres as scales, got 1 numbers"),
         ([("linear", (1.0, 2.0, 3.0))], "linear parameters: expected as many centres as scales, got 3 numbers"),
-        ([("linear", (1.0, 0.0))], "linear scale: expected positive"),
-        ([("linear", (1.0, -1.0))], "linear scale: expected positive"),
-        ([("linear", (float("nan"), 1.0))], "linear scale: expected positive finite numbers"),
         ([("linear", (0.0, float("inf")))], "linear scale: expected positive finite numbers"),
     ],
 )
@@ -154,23 +122,12 @@ def test_invalid_terms_are_rejected(terms: list[Term], message: str) -> None:
         kernel_from_terms(terms)
 
 
-@pytest.mark.parametrize("bandwidth", [(), (0.0,), (-1.0, 1.0), (float("nan"),), (float("inf"),)])
-def test_bandwidths_must_be_positive_and_finite(bandwidth: tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match="rbf bandwidth: expected positive finite numbers"):
-        RBF(bandwidth)
-
-
 def test_bandwidths_must_match_the_dimension() -> None:
     with pytest.raises(ValueError, match="expected 1 or 3 numbers for 3-dimensional points, got 2"):
         RBF((1.0, 2.0))(np.zeros((2, 3)), np.zeros((2, 3)))
 
 
-def test_points_must_have_the_dimension_of_the_centre() -> None:
-    with pytest.raises(ValueError, match="linear points: expected 2 columns, got 3"):
-        Linear((0.0, 1.0), (1.0, 1.0))(np.zeros((2, 3)), np.zeros((2, 3)))
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3, 5, 17, 40])
+@pytest.mark.parametrize("dimension", [1, 3, 17, 40])
 @pytest.mark.parametrize(
     "make",
     [
@@ -256,12 +213,6 @@ def test_a_column_with_rounding_errors_only_has_no_spread(value: float) -> None:
     still = np.column_stack([np.full(300, value), rounded])
     assert spreads(still).tolist() == [0.0, 0.0]
     assert deviations(still).tolist() == [1.0, 1.0]
-
-
-@over_all_kernels
-@given(x=points, y=points)
-def test_positive_kernels_have_no_negative_value(kernel: Kernel, x: np.ndarray, y: np.ndarray) -> None:
-    assert not kernel.is_positive or kernel(x, y).min() >= 0.0
 
 
 def test_positivity_of_a_composed_kernel_follows_from_its_parts() -> None:

@@ -25,7 +25,7 @@ def random_limits(kind: str, stream: np.random.Generator) -> Limits:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**63), periods=st.integers(1, 400), period=st.sampled_from([0.001, 0.01, 0.1]))
 def test_it_equals_the_simulation_of_each_period(kind: str, seed: int, periods: int, period: float) -> None:
     stream = np.random.default_rng(seed)
@@ -42,11 +42,9 @@ def test_it_equals_the_simulation_of_each_period(kind: str, seed: int, periods: 
     np.testing.assert_allclose(value, state.value, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("periods", [10, 100, 60_000])
-@pytest.mark.parametrize("velocity", [0.0, 2.0])
-@pytest.mark.parametrize("acceleration", [0.0, 0.01, 1.0, 1000.0])
+@pytest.mark.parametrize(("velocity", "acceleration"), [(0.0, 1.0), (2.0, 0.0), (2.0, 0.01), (2.0, 1.0), (2.0, 1000.0)])
 def test_the_number_of_steps_does_not_grow_with_the_number_of_periods(
-    monkeypatch: pytest.MonkeyPatch, periods: int, velocity: float, acceleration: float
+    monkeypatch: pytest.MonkeyPatch, velocity: float, acceleration: float
 ) -> None:
     steps: list[float] = []
     single = motion._stoppable_velocity
@@ -56,5 +54,5 @@ def test_the_number_of_steps_does_not_grow_with_the_number_of_periods(
     for rate in (-1.9, 0.0, 1.9) if velocity and acceleration else (0.0,):
         for goal in (-50.0, -0.01, 0.0, 1e-6, 3.0, 50.0):
             steps.clear()
-            foreseen(limits, 0.001, Setpoint(np.zeros(1), np.full(1, rate)), np.full(1, goal), periods)
+            foreseen(limits, 0.001, Setpoint(np.zeros(1), np.full(1, rate)), np.full(1, goal), periods=60_000)
             assert len(steps) <= 32

@@ -56,8 +56,7 @@ class Pendulum:
         self.gate, _ = sensed(self.gate, RULES, self.now, news)
 
 
-@pytest.mark.parametrize("second", [5, 10, 23])
-@pytest.mark.parametrize("torque", [None, 1.5, -1.5])
+@pytest.mark.parametrize(("second", "torque"), [(5, None), (10, 1.5), (23, -1.5)])
 def test_a_second_publisher_of_joint_states_stops_an_effort_gate_and_does_not_drive_it(
     second: int, torque: float | None
 ) -> None:

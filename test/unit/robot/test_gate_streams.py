@@ -13,7 +13,7 @@ from test.unit.robot.gate_streams import NASTY, PERIOD, World, play, rules_of
 
 pytestmark = pytest.mark.slow
 
-STREAMS = 100  # of each kind of command
+STREAMS = 40  # of each kind of command
 seeds = st.integers(0, 2**63)
 over_kinds = pytest.mark.parametrize("kind", KINDS)
 
@@ -45,7 +45,7 @@ def test_no_stream_triggers_the_robots_protective_stop(kind: str, seed: int) -> 
 
 @over_kinds
 def test_streams_move_the_robot_and_would_stop_it_without_the_gate(kind: str) -> None:
-    worlds = [play(rules_of(kind), np.random.default_rng(seed)) for seed in range(30)]
+    worlds = [play(rules_of(kind), np.random.default_rng(seed)) for seed in range(12)]
     assert not any(world.protection.trips for world in worlds)
     assert all(world.bare.trips for world in worlds)
     assert sum(np.ptp(world.outputs, axis=0).min() > 0.1 for world in worlds if world.outputs) > 5
@@ -76,7 +76,7 @@ def test_the_protection_detects_each_exceeded_limit(kind: str, limit: str, jump:
 
 
 @over_kinds
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(values=st.lists(st.tuples(st.floats() | st.sampled_from(NASTY), st.integers(0, 4)), max_size=40))
 def test_outputs_are_finite_and_within_limits_for_any_numbers(kind: str, values: list[tuple[float, int]]) -> None:
     world = World(rules_of(kind, joints=1, step=0.3))
@@ -91,6 +91,7 @@ def test_outputs_are_finite_and_within_limits_for_any_numbers(kind: str, values:
 
 
 @over_kinds
+@settings(max_examples=5)
 @given(seed=seeds)
 def test_equal_inputs_give_equal_outputs(kind: str, seed: int) -> None:
     first, second = (play(rules_of(kind), np.random.default_rng(seed)) for _ in range(2))
@@ -99,6 +100,7 @@ def test_equal_inputs_give_equal_outputs(kind: str, seed: int) -> None:
 
 
 @over_kinds
+@settings(max_examples=10)
 @given(seed=seeds)
 def test_a_disarmed_gate_sends_nothing(kind: str, seed: int) -> None:
     class Unarmed(World):
@@ -116,6 +118,7 @@ def test_a_disarmed_gate_sends_nothing(kind: str, seed: int) -> None:
 
 
 @over_kinds
+@settings(max_examples=10)
 @given(seed=seeds, seconds=st.floats(0.0, 0.5))
 def test_a_stopped_gate_comes_to_rest_and_ignores_commands(kind: str, seed: int, seconds: float) -> None:
     world, alone = World(rules_of(kind)), World(rules_of(kind))

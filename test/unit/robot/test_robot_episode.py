@@ -12,7 +12,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import SLACK, ElasticClock
 from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, Reading, RobotEpisode
-from rkhs_ros.robot.rules import End, Reward, Rules
+from rkhs_ros.robot.rules import End, Reward
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 
@@ -210,14 +210,6 @@ def test_the_task_ends_the_episode_before_the_horizon() -> None:
     assert (ended.episodes.terminated.tolist(), ended.episodes.mask.sum()) == ([True], 1)
 
 
-def test_a_reward_that_fails_ends_the_run() -> None:
-    task = replace(TASK, reward=Reward(function="math:gcd"))
-    episode = begun(task)
-    episode.act(0, np.zeros(1), 0.0)
-    with pytest.raises(RunError, match="reward function: TypeError"):
-        episode.proceed(PERIOD, sensed(1.0))
-
-
 def test_unexpected_actions_are_ignored() -> None:
     episode = RobotEpisode(BATCH, TASK, stamp=0)
     assert episode.act(0, np.zeros(1), 0.0) is None  # nothing was observed yet
@@ -227,11 +219,6 @@ def test_unexpected_actions_are_ignored() -> None:
     assert episode.act(0, np.ones(1), 0.01) is None
     episode.discard("stopped")
     assert episode.act(0, np.ones(1), 0.01) is None
-
-
-def test_the_reward_can_come_from_a_topic_only() -> None:
-    rules = Rules.of(Reward(topic="reward"), End())
-    assert rules.step_reward(np.zeros(1), np.zeros(1), np.zeros(1), 2.5) == 2.5
 
 
 @pytest.mark.parametrize("rule", ["reward", "end"])

@@ -91,9 +91,3 @@ def test_a_service_that_fails_fails_the_reset(answer: Answer | None, reason: str
     reset.proceed(0.0, lambda: Joints(np.zeros(1), np.zeros(1)))
     reset.answer = answer
     assert reset.proceed(61.0, lambda: Joints(np.zeros(1), np.zeros(1))) == Failed(reason)
-
-
-def test_a_reset_without_steps_is_done() -> None:
-    assert (
-        ResetProcess(Reset(), "position", "", now=0.0).proceed(0.0, lambda: Joints(np.zeros(1), np.zeros(1))) == Done()
-    )

@@ -28,15 +28,13 @@ def test_a_path_selects_numbers(message: Message, path: str, values: list[float]
     assert field_values(message, path) == values
 
 
-@pytest.mark.parametrize("path", ["", ".", "a..b", "a[", "a[1:1]", "a[-1]", "a[0:2].b", "a b", "_a", "a[0:99999]"])
+@pytest.mark.parametrize("path", ["", "a..b", "a[", "a[1:1]", "a[0:2].b", "a[0:99999]"])
 def test_an_invalid_path_is_refused(path: str) -> None:
     with pytest.raises(ValueError, match="field: expected"):
         parts_of(path)
 
 
-@pytest.mark.parametrize(
-    "path", ["nothing", "linear_acceleration", "covariance[3]", "covariance", "linear_acceleration[0]"]
-)
+@pytest.mark.parametrize("path", ["nothing", "linear_acceleration", "covariance[3]", "covariance"])
 def test_a_field_that_is_not_a_number_is_reported(path: str) -> None:
     with pytest.raises(SensingError, match="expected a number"):
         field_values(IMU, path)

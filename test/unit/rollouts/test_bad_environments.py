@@ -30,16 +30,10 @@ ARGUMENTS = (
 )
 FAULTS = {
     "nan reward": "reward of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, got nan",
-    "huge reward": "reward of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, got 1e+300",
     "nan observation": "observation of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, "
     "got nan in column 0",
     "wrong shape": "step 11 of environment 0: expected an observation of shape (2,), got one of (3,)",
-    "complex": "step 11 of environment 0: expected an observation of real numbers, got complex128",
-    "too large": "observation of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, "
-    "got inf in column 1",
-    "stop iteration": "step 11 of environment 0: StopIteration: ",
     "no exception": "step 11 of environment 0: Stranger: who",
-    "raise": "step 11 of environment 0: RuntimeError: the motor is hot",
     "raise in reset": "reset of environment 0: RuntimeError: there is no way back",
     "sys.exit": "step 11 of environment 0: SystemExit: 3",
 }
@@ -87,7 +81,7 @@ def test_an_infinite_action_is_reported_with_environment_and_step(
             runner.collect(loud, Batch(0, 0, 2, 5, explore=False))
 
 
-@pytest.mark.parametrize("how", ["raise RuntimeError('no licence')", "raise SystemExit(4)", "raise GeneratorExit"])
+@pytest.mark.parametrize("how", ["raise RuntimeError('no licence')", "raise GeneratorExit"])
 def test_an_environment_that_cannot_be_created_is_rejected(rkhs: Callable[..., Result], how: str) -> None:
     Path("unmade.py").write_text(f"import gymnasium\ndef make():\n    {how}\ngymnasium.register('Unmade-v0', make)\n")
     result = rkhs("train", "--env", "unmade:Unmade-v0", "--runner", "inline")
@@ -108,7 +102,7 @@ class Still(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.zeros(1, np.float32), 0.0, False, False, {}
 
 
-@pytest.mark.parametrize("metadata", [None, {"render_fps": "many"}, {"render_fps": 0}])
+@pytest.mark.parametrize("metadata", [None, {"render_fps": 0}])
 def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
     monkeypatch.setattr(Still, "metadata", metadata)
     assert Simulation(Still).step_seconds == 1.0
@@ -118,7 +112,6 @@ def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: 
     ("name", "value", "message"),
     [
         ("metadata", {"num_envs": -3}, "metadata: num_envs: expected a whole number, 0 for any number, got -3"),
-        ("metadata", {"num_envs": "x"}, "metadata: num_envs: expected a whole number"),
         ("observation_space", Box(-1.0, 1.0, (0,)), r"Still observations: expected at least one number, got the shape"),
         (
             "action_space",

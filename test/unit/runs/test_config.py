@@ -30,10 +30,6 @@ def write(tmp_path: Path) -> Any:
     return make
 
 
-def test_configurations_exist() -> None:
-    assert len(CONFIGS) >= 5
-
-
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_every_configuration_survives_a_round_trip(path: Path, write: Any) -> None:
     config = load_config(path)
@@ -79,33 +75,16 @@ def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None
     assert load_config(path).training == replace(expected, seed=3, exploration_sd="range", algorithm=RKHSNAC(ridge=0.5))
 
 
-def test_a_later_change_wins(write: Any) -> None:
-    assert load_config(write(MINIMAL), ["seed=1", "seed=2"]).training.seed == 2
-
-
-def test_options_reach_the_environment(write: Any) -> None:
-    config = load_config(write(MINIMAL), ["environment.options.angle=wrap"])
-    assert config.environment.options == {"angle": "wrap"}
-    assert config.task.options == {"angle": "wrap"}
-    assert load_config(write(resolved(config))) == config
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ("seed", "--set: expected KEY=VALUE, got 'seed'"),
-        ("=1", "--set: expected KEY=VALUE"),
-        ("seed=[1", "--set: expected a value in YAML"),
         ("seed=x", "seed: expected a whole number, got 'x'"),
         ("sead=1", r"unknown key 'sead', did you mean 'seed'\?"),
         ("seed.x=1", "seed: expected"),
-        ("environment=1", "environment: expected a section of keys, got 1"),
-        ("environment.idd=a", r"unknown key 'environment\.idd', did you mean 'environment\.id'\?"),
         ("environment.id=5", r"environment\.id: expected text, got 5"),
         ("environment.options=5", r"environment\.options: expected a section of keys, got 5"),
-        ("kernel.form=rbff", r"unknown kernel 'rbff', did you mean 'rbf'\?"),
         ("kernel.bandwidth=mean", r"kernel\.bandwidth: unknown choice 'mean'"),
-        ("discount=1.5", r"discount: expected a number in \[0\.0, 1\.0\], got 1\.5"),
     ],
 )
 def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) -> None:
@@ -117,12 +96,8 @@ def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) ->
     ("text", "message"),
     [
         ("a: [1", "expected a YAML file, got one that cannot be parsed"),
-        ("\x00", "expected a YAML file"),
         ("", "expected sections 'simulator' and 'learner', got NoneType"),
-        ("- 1", "expected sections 'simulator' and 'learner', got list"),
-        ("simulater: {ros__parameters: {}}", r"unknown section 'simulater', did you mean 'simulator'\?"),
         ("simulator: {}", "simulator: expected ros__parameters"),
-        ("simulator: {ros__parameters: 3}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
         ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),
         (MINIMAL + "learner: {ros__parameters: {seeds: 1}}", r"unknown key 'seeds', did you mean 'seed'\?"),
@@ -188,7 +163,6 @@ def test_the_section_of_the_learner_may_contain_the_expected_environment(write: 
             "{id: rkhs/Pendulum-v0}",
             "learner: environment: expected the environment of the simulator, .*Toy-v0.*, got .*Pendulum-v0",
         ),
-        ("{id: rkhs/Toy-v0, options: {a: 1}}", "learner: environment: expected the environment of the simulator"),
         ("rkhs/Toy-v0", "environment: expected a section of keys, got 'rkhs/Toy-v0'"),
         ("{ids: 3}", "unknown key 'environment.ids', did you mean 'environment.id'"),
     ],

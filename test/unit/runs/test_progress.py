@@ -106,26 +106,6 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     assert " (undiscounted " in lines[-1]
 
 
-def test_a_quiet_run_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
-    config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
-    with progress_bar(config.training, quiet=True) as show:
-        for iteration in iterations(config):
-            show(iteration)
-    assert capsys.readouterr() == ("", "")
-
-
-def test_a_line_shows_what_the_first_iteration_found(capsys: pytest.CaptureFixture[str]) -> None:
-    training = model_free(
-        iterations=2, episodes_per_iteration=4, evaluation_episodes=1, horizon=200, seed=1, action_repeat="auto"
-    )
-    with progress_bar(training) as show:
-        for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
-            show(iteration)
-    first, found, last = capsys.readouterr().err.splitlines()
-    assert found == "run: found action_repeat=4"
-    assert "found" not in first + last
-
-
 def test_advice_has_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
     (iteration,) = iterations(config)

@@ -16,7 +16,7 @@ from rkhs_ros.recordings.container import MessageFile, read_messages
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.report import Report, new_folder, summary
+from rkhs_ros.runs.report import new_folder, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
 
@@ -123,14 +123,6 @@ def test_drawing_without_episodes_raises(
     with pytest.raises(ValueError, match=r"recording\.mcap: .*expected at least one finished iteration, got none"):
         draw_run(folder)
     assert not (folder / "curve.png").exists()
-
-
-def test_the_curve_grows_line_by_line(tmp_path: Path, runner: InlineRunner) -> None:
-    report = Report(tmp_path, CONFIG, runner.spaces)
-    for iteration in train(TRAINING, runner):
-        assert len(rows_of(tmp_path)) == iteration.number - 1
-        report.add(iteration)
-    assert not (tmp_path / "policy.npz").exists()
 
 
 def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runner: InlineRunner) -> None:

@@ -75,7 +75,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
 
 
-@pytest.mark.parametrize("batches", range(8))
+@pytest.mark.parametrize("batches", [0, 3, 4, 7])
 def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches)
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
@@ -83,7 +83,7 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-@pytest.mark.parametrize("batches", range(5))
+@pytest.mark.parametrize("batches", [0, 2, 4])
 def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches, num_envs=3)
     done = max(batches - 1, 0)
@@ -92,11 +92,10 @@ def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-@pytest.mark.parametrize("batches", [3, 5])
-def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path, batches: int) -> None:
+def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path) -> None:
     config = longer(4, evaluation_episodes=3)
     folder = run_training(config, Stopping(), tmp_path / "whole", quiet=True)
-    assert results(resumed(stopped(tmp_path / "run", batches, config), config)) == results(folder)
+    assert results(resumed(stopped(tmp_path / "run", 5, config), config)) == results(folder)
 
 
 def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole: dict[str, object]) -> None:
@@ -131,14 +130,6 @@ def test_an_extended_run_equals_a_run_with_more_iterations(tmp_path: Path) -> No
     more = longer(6, timeout=1.0)
     assert results(resumed(folder, more)) == results(run_training(more, Stopping(), tmp_path / "more", quiet=True))
     assert load_config(folder / "config.yaml") == more
-
-
-def test_fewer_iterations_than_finished_are_rejected(tmp_path: Path) -> None:
-    folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
-    before = contents(folder)
-    with pytest.raises(ValueError, match="iterations: expected at least 4, more than the finished ones, got 2"):
-        resumed(folder, longer(2))
-    assert contents(folder) == before
 
 
 @pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "missing"])
@@ -215,7 +206,7 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize("content", [None, b"", b"damaged", b"iteration,episodes\r\n1,99\r\n"])
+@pytest.mark.parametrize("content", [None, b"iteration,episodes\r\n1,99\r\n"])
 def test_the_curve_is_derived_from_the_checkpoint(
     tmp_path: Path, whole: dict[str, object], content: bytes | None
 ) -> None:
@@ -247,10 +238,8 @@ def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
-        (b"\r\n2,6,", b"\r\n2,x,", 3),
         (b"\r\n2,6,", b"\r\n2,6,0.0,", 3),
         (b"\r\n3,", b"\r\n\xff,", 4),
-        (b"\r\n3,9,", b"\r\n3,\0,", 4),
     ],
 )
 def test_a_damaged_line_of_a_curve_is_named(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
@@ -347,7 +336,7 @@ def assert_whole(folder: Path) -> None:
         assert load_config(path)
 
 
-@pytest.mark.parametrize("size", [0, 100, 500, 1000, 3000, 20_000])
+@pytest.mark.parametrize("size", [0, 500, 20_000])
 def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
     rkhs: Cli, tmp_path: Path, size: int, disk: Callable[[int], None]
 ) -> None:
@@ -378,7 +367,7 @@ class Filling(Stopping):
         return super().collect(*arguments)
 
 
-@pytest.mark.parametrize("beyond", [-100, 1, 60, 700])
+@pytest.mark.parametrize("beyond", [1, 700])
 def test_the_last_intact_checkpoint_survives_a_full_disk(
     tmp_path: Path, whole: dict[str, object], disk: Callable[[int], None], beyond: int
 ) -> None:
@@ -394,10 +383,9 @@ def test_the_last_intact_checkpoint_survives_a_full_disk(
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-@pytest.mark.parametrize("out", ["/proc/run", "file/below", "file"])
-def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Path, out: str) -> None:
+def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", out), out)
+    assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", "file/below"), "file/below")
 
 
 def test_a_folder_that_cannot_be_written_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
@@ -426,11 +414,7 @@ def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, o
         ((), "train: expected exactly one of CONFIG, --env ID and --resume DIR, got none"),
         ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
         (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder of the run"),
-        (("--resume", "run", "--set", "horizon=5"), "folder of the run, got --set"),
-        (("--resume", "run", "--out", "other", "--seed", "1"), "got --seed, --out"),
-        (("--resume", "run", "--iterations", "0"), "iterations: expected a number in"),
         (("--resume", "none"), "none: expected the folder of a run, got no such folder"),
-        (("--resume", "run/config.yaml"), "run/config.yaml: expected the folder of a run"),
     ],
 )
 def test_an_invalid_resume_gives_one_line(
@@ -438,14 +422,6 @@ def test_an_invalid_resume_gives_one_line(
 ) -> None:
     before = contents(stopped(tmp_path / "run", 5))
     assert_refused(rkhs("train", *INLINE, *arguments), message)
-    assert contents(tmp_path) == before
-
-
-def test_the_command_rejects_changed_settings(rkhs: Cli, tmp_path: Path) -> None:
-    file = stopped(tmp_path / "run", 5) / "config.yaml"
-    file.write_text(file.read_text().replace("horizon: 4", "horizon: 5"))
-    before = contents(tmp_path)
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), "horizon: expected 4 as at the start of the run, got 5")
     assert contents(tmp_path) == before
 
 

@@ -62,12 +62,6 @@ def test_energy_and_momentum_are_conserved_without_friction_and_force() -> None:
     np.testing.assert_allclose(momentum, momentum[0], rtol=1e-6)
 
 
-def test_friction_takes_energy_and_a_force_along_the_motion_adds_it() -> None:
-    task, start = CartPole(), (0.0, 1.0, 0.0, 0.0)
-    first, coasting, pushed = (energy(task, states_under(task, f, start)[-1:]) for f in ([], np.zeros(9), [5.0]))
-    assert coasting < first < pushed
-
-
 def test_small_swings_have_the_frequency_of_the_linear_equations() -> None:
     task = Frictionless()
     angles = states_under(task, np.zeros(60), (0.0, 0.0, 1e-3, 0.0))[:, 2]
@@ -79,7 +73,7 @@ def test_small_swings_have_the_frequency_of_the_linear_equations() -> None:
     assert fitted == pytest.approx(frequency, rel=1e-5)
 
 
-@pytest.mark.parametrize("rate", [10.0, 20.0, 33.0, 100.0])
+@pytest.mark.parametrize("rate", [10.0, 33.0])
 def test_steps_agree_with_an_adaptive_integrator_of_high_order(rate: float) -> None:
     task = CartPole(rate=rate)
     for start, force in (((0.1, -0.3, 0.4, 2.0), 10.0), ((0.0, 0.5, 3.0, -4.0), -7.0), ((-0.2, 0.0, 1.5, 12.0), 0.0)):
@@ -113,15 +107,6 @@ def test_left_and_right_are_symmetric(start: tuple[float, ...], force: float) ->
     there, back = states_under(task, np.array([force]), start), states_under(task, np.array([-force]), mirrored)
     assert np.array_equal(there, -back)
     np.testing.assert_allclose(task.reward(there, there), task.reward(back, back), rtol=1e-12)
-
-
-def test_rates_agree_on_the_motion_and_on_the_return() -> None:
-    slow, fast = CartPole(), CartPole(rate=100)
-    at_20 = states_under(slow, GENTLE)
-    at_100 = states_under(fast, np.repeat(GENTLE, 5))
-    np.testing.assert_allclose(at_100[::5], at_20, atol=1e-7)
-    returns = [float(task.reward(each[:-1], each).sum()) for task, each in ((slow, at_20), (fast, at_100))]
-    assert returns[0] == pytest.approx(returns[1], abs=0.05)
 
 
 def test_rewards_by_hand() -> None:
@@ -159,7 +144,7 @@ def test_the_observations_describe_the_same_trajectory(rng: np.random.Generator)
         )
 
 
-@pytest.mark.parametrize(("rate", "steps"), [(20, 60), (100, 300), (7.5, 22), (1, 3)])
+@pytest.mark.parametrize(("rate", "steps"), [(20, 60), (7.5, 22), (1, 3)])
 def test_an_episode_is_truncated_after_three_seconds_at_any_rate(rate: float, steps: int) -> None:
     single = gymnasium.make(ID, rate=rate)
     single.reset(seed=0)
@@ -178,12 +163,6 @@ def test_the_default_horizon_follows_the_rate() -> None:
     assert time_limit(ID) == 60
     with pytest.raises(ValueError, match="rate: expected a number from 1 to 1000"):
         untuned_config(ID, ["environment.options.rate=fast"])
-
-
-def test_a_shorter_time_limit_holds() -> None:
-    vector = gymnasium.make_vec(ID, 2, vectorization_mode="vector_entry_point", max_episode_steps=4)
-    vector.reset(seed=0)
-    assert [bool(vector.step(np.zeros((2, 1)))[3].all()) for _ in range(4)] == [False, False, False, True]
 
 
 def test_each_environment_ends_and_restarts_alone_beyond_the_rail() -> None:
@@ -206,12 +185,6 @@ def test_each_environment_ends_and_restarts_alone_beyond_the_rail() -> None:
     assert counts[0] >= counts[2] > counts[1] == 0
 
 
-def test_without_a_rail_no_episode_terminates() -> None:
-    observations, _, terminated, _ = episode(CartPole(), np.full(60, 10.0))
-    assert observations[-1, 0] > 10.0
-    assert not terminated.any()
-
-
 def test_an_episode_is_balanced_if_its_last_second_is_upright_over_the_middle() -> None:
     def observed(x: float, u: float, rate: float = 20.0) -> tuple[CartPole, np.ndarray]:
         task, states = CartPole(rate=rate), np.zeros((round(3 * rate), 4))
@@ -231,9 +204,6 @@ def test_an_episode_is_balanced_if_its_last_second_is_upright_over_the_middle() 
     ("options", "message"),
     [
         ({"rate": 0}, r"rate: expected a number from 1 to 1000 \(Hz\), got 0"),
-        ({"rate": True}, "rate: expected a number from 1 to 1000"),
-        ({"rate": np.nan}, "rate: expected a number from 1 to 1000"),
-        ({"rail": -1.0}, r"rail: expected a positive number \(m\), got -1.0"),
         ({"reward_width": "3"}, r"reward_width: expected a positive number \(rad\), got '3'"),
         ({"observation": "pixels"}, "observation: expected one of cosine, wrapped, unwrapped, got 'pixels'"),
     ],

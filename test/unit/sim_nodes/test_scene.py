@@ -93,9 +93,3 @@ def test_gymnasiums_wrappers_take_the_pictures_of_a_task(task: str, rng: np.rand
     np.testing.assert_array_equal(vector.render()[0], frames[0])
     np.testing.assert_array_equal(vector.step(np.stack([actions[0]] * 2))[0].shape[0], 2)
     np.testing.assert_array_equal(vector.render()[0], frames[1])
-
-
-def test_unknown_render_modes_are_refused() -> None:
-    assert gymnasium.make("rkhs/Toy-v0").render_mode is None
-    with pytest.raises(ValueError, match="render_mode: expected one of rgb_array, got 'human'"):
-        gymnasium.make("rkhs/Toy-v0", render_mode="human")

@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rkhs_ros.app.cli import main
 from rkhs_ros.app.seeds import MOST_SEEDS, parse_seeds, seed_folders
-from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.comparison import compare
 from test.processes import is_running
@@ -64,11 +65,7 @@ def test_any_text_gives_seeds_or_one_line(text: str) -> None:
     ("text", "message"),
     [
         ("", "expected seeds such as 0-9 or 0,2,5, got ''"),
-        ("0-9,", "got ''"),
         ("-3", "got '-3'"),
-        ("1-2-3", "got '1-2-3'"),
-        ("1.5", "got '1.5'"),
-        ("٣", "got '٣'"),
         ("0,9-7", "expected ascending ranges, got 9-7"),
         ("0-999999999999", f"expected at most {MOST_SEEDS} seeds"),
         (f"0-{MOST_SEEDS - 1},{MOST_SEEDS}", f"expected at most {MOST_SEEDS} seeds"),
@@ -83,16 +80,21 @@ def test_invalid_seeds_are_rejected(text: str, message: str) -> None:
 # The runs
 
 
+@pytest.fixture(scope="module")
+def three_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("three") / "runs"
+    with pytest.raises(SystemExit, match="0"):
+        main(["train", str(CONFIG), *SHORT, "--seeds", "1,10,2", "--jobs", "1", "--quiet", "--out", str(folder)])
+    return folder
+
+
 @pytest.fixture
-def started_runs(rkhs: Run, tmp_path: Path) -> Path:
-    result = rkhs("train", CONFIG, *SHORT, "--seeds", "1,10,2", "--jobs", 1, "--quiet", "--out", "many")
-    assert (result.code, result.err) == (0, "")
-    return tmp_path / "many"
+def started_runs(three_runs: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(three_runs, tmp_path / "many"))
 
 
-@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_each_seed_gives_an_ordinary_run(rkhs: Run, tmp_path: Path, jobs: int) -> None:
-    code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0-1,5", "--jobs", jobs, "--out", "many")
+def test_each_seed_gives_an_ordinary_run(rkhs: Run, tmp_path: Path) -> None:
+    code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0-1,5", "--jobs", 2, "--out", "many")
     assert code == 0
     assert err.splitlines()[-1].split()[:1] == ["toy_nac"]
     assert "3/3" in err.splitlines()[-1]
@@ -126,13 +128,6 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert times(finished) == before
 
 
-def test_resume_extends_the_runs_of_several_seeds(rkhs: Run, started_runs: Path) -> None:
-    assert rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1).code == 0
-    for path in seed_folders(started_runs):
-        assert len(Curve(path / "curve.csv").rows()) == 3
-        assert load_config(path / "config.yaml").training.iterations == 3
-
-
 def test_outdated_pictures_are_redrawn(rkhs: Run, started_runs: Path) -> None:
     first, *_ = seed_folders(started_runs)
     before = (first / "policy.png").stat().st_mtime_ns
@@ -141,26 +136,16 @@ def test_outdated_pictures_are_redrawn(rkhs: Run, started_runs: Path) -> None:
     assert (first / "policy.png").stat().st_mtime_ns > before
 
 
-@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, started_runs: Path, jobs: int) -> None:
+def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, started_runs: Path) -> None:
     first, bad, last = seed_folders(started_runs)
     (bad / "policy.png").unlink()
     (bad / "policy.png").mkdir()
-    code, out, err = rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", jobs, "--quiet")
+    code, out, err = rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1, "--quiet")
     assert code == 1
     assert err.startswith("error: seed_2: IsADirectoryError: ")
     assert err.count("\n") == 1
     assert "mean of 2 runs" in out
     assert [len(Curve(path / "curve.csv").rows()) for path in (first, last)] == [3, 3]
-
-
-def test_all_failed_seeds_are_reported(rkhs: Run, started_runs: Path) -> None:
-    for path in seed_folders(started_runs):
-        (path / "policy.png").unlink()
-        (path / "policy.png").mkdir()
-    code, out, err = rkhs("train", "--resume", "many", "--jobs", 1, "--quiet")
-    assert (code, out) == (1, "")
-    assert [line.split(":")[1] for line in err.splitlines()] == [" seed_1", " seed_2", " seed_10"]
 
 
 def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
@@ -227,13 +212,9 @@ def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
-        (("--seeds", "0-1", "--seed", "3"), "--seed: expected either --seed or --seeds, got both"),
         (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
-        (("--seeds", "x"), "--seeds: expected seeds such as 0-9 or 0,2,5, got 'x'"),
-        (("--seeds", ""), "--seeds: expected seeds such as 0-9 or 0,2,5, got ''"),
         (("--jobs", "2"), "--jobs: expected --seeds, or --resume of runs with several seeds, got one run"),
         (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
-        (("--seeds", "0-1", "--set", "environment.id=rkhs/Toi-v0"), "did you mean 'rkhs/Toy-v0'?"),
     ],
 )
 def test_invalid_options_are_rejected_once_and_nothing_starts(

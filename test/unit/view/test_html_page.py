@@ -50,10 +50,3 @@ def test_a_run_without_a_recording_is_rejected(rkhs: Callable[..., Any], folder:
     assert result.code == 2
     assert "no recording.mcap in this folder" in result.err
     assert not (tmp_path / "run.html").exists()
-
-
-@pytest.mark.parametrize("name", ["run.pdf", "run"])
-def test_another_format_is_rejected(rkhs: Callable[..., Any], folder: Path, tmp_path: Path, name: str) -> None:
-    result = rkhs("export", folder, tmp_path / name)
-    assert result.code == 2
-    assert "expected a file that ends in .onnx or .html" in result.err

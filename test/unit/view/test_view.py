@@ -41,7 +41,7 @@ from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
 from rkhs_ros.view.source import ENDED, FINISHED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.stage import Stage  # noqa: E402
-from rkhs_ros.view.status import clock, status  # noqa: E402
+from rkhs_ros.view.status import status  # noqa: E402
 from rkhs_ros.view.tasks import scene_of  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
 
@@ -213,7 +213,7 @@ def test_a_long_curve_is_thinned_and_keeps_its_last_row() -> None:
     assert data["exploration_return"][-1] == 50_000
 
 
-@pytest.mark.parametrize("angles", ["none", (0.0,), (1.0,), (0.0, 2.0)])
+@pytest.mark.parametrize("angles", ["none", (0.0, 2.0)])
 def test_centres_are_converted_back_to_observations(angles: Any, random_policy: Any, rng: Any) -> None:
     inputs = Inputs(angles=angles)
     policy = random_policy(d=inputs.dimension(3, 2))
@@ -239,7 +239,7 @@ def test_the_marker_is_at_the_current_step_on_the_policy_plot(random_policy: Any
     assert np.allclose(board.points, [left, bottom] + parts * [right - left, top - bottom], atol=1e-3)
 
 
-@pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (2, 1, 8), (17, 3, 8), (3, 2, 1), (1, 1, 1), (2, 1, 1)])
+@pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (17, 3, 8), (2, 1, 1)])
 def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: Any, random_episodes: Any) -> None:
     policy = random_policy(d=d, n=n)
     episodes = random_episodes(policy, n=3, horizon=horizon)
@@ -331,7 +331,3 @@ def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
     assert (np.diff(motion.positions[:, 0, 0]) > 0).all()
     low, high = np.array(timeline.bounds())
     assert ((motion.positions[..., ::2] > low[::2]) & (motion.positions[..., ::2] < high[::2])).all()
-
-
-def test_durations_have_rounded_units() -> None:
-    assert [clock(seconds) for seconds in (3.2, 150.0, 20_000.0)] == ["3 s", "2 min", "5 h 33 min"]

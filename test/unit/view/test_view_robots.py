@@ -81,7 +81,7 @@ def test_a_joint_that_mimics_another_follows_it_unless_it_is_sensed(tmp_path: Pa
     assert pushed(j0=0.2, j2=0.0) == [0.2, 0.1, 0.0]
 
 
-@pytest.mark.parametrize("mimics", [("j0", "j0"), ("j1", "j0"), ("j1", "j2", "j1")])
+@pytest.mark.parametrize("mimics", [("j0", "j0"), ("j1", "j2", "j1")])
 def test_cycles_of_mimic_joints_are_rejected(tmp_path: Path, mimics: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match=r"mimics\.urdf: joint 'j0': expected mimic joints without a cycle, got a cyc"):
         mimicking(tmp_path, *(f"<mimic joint='{leader}'/>" for leader in mimics))

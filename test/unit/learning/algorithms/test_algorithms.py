@@ -45,29 +45,26 @@ def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
 
 
 @over_algorithms
-@pytest.mark.parametrize("best", [-1.5, 1.5])
-def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorithm, best: float) -> None:
-    policy, episodes = bandit(0, best)
+def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorithm) -> None:
+    policy, episodes = bandit(0, best=-1.5)
     if isinstance(algorithm, ActorCritic | RKHSNPG):
         algorithm = replace(algorithm, step=KLStep(0.02, cap=1e6))
     moved, *_ = learn(algorithm, policy, episodes)
     # A divergence of 0.02 is a step of 0.2; PoWER takes longer steps.
-    assert np.sign(best) * moved.mean(np.zeros((1, 1)))[0, 0] > 0.15
+    assert moved.mean(np.zeros((1, 1)))[0, 0] < -0.15
 
 
 @over_algorithms
-@pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
 def test_an_update_modifies_no_input_and_is_deterministic(
     learn: Learn,
     algorithm: Algorithm,
-    masked: bool,
     random_policy: MakePolicy,
     random_episodes: MakeEpisodes,
     arrays_of: Callable[[Any], dict[str, np.ndarray]],
 ) -> None:
     policy = random_policy()
-    episodes = random_episodes(policy, masked=masked)
-    memory = random_episodes(policy, 3, masked=masked)
+    episodes = random_episodes(policy, masked=True)
+    memory = random_episodes(policy, 3, masked=True)
     inputs = {f"{i}{k}": v for i, given in enumerate((policy, episodes, memory)) for k, v in arrays_of(given).items()}
     before = {name: array.tobytes() for name, array in inputs.items()}
     for array in inputs.values():
@@ -161,14 +158,13 @@ def test_nac_adds_the_critics_estimate_times_the_step_size(
 
 
 @pytest.mark.parametrize("critic", EQUATIONS)
-@pytest.mark.parametrize("step", [KLStep(), FixedStep(0.5)], ids=["kl", "fixed"])
 def test_nac_without_rewards_does_not_change_the_mean(
-    learn: Learn, critic: str, step: KLStep, random_policy: MakePolicy, random_episodes: MakeEpisodes
+    learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy()
     episodes = random_episodes(policy)
     still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
-    moved, metrics = learn(RKHSNAC(critic=critic, step=step), policy, still)
+    moved, metrics = learn(RKHSNAC(critic=critic), policy, still)
     x = episodes.flat(episodes.observations)
     np.testing.assert_allclose(moved.mean(x), policy.mean(x), atol=1e-5)
     assert metrics.kl < 1e-9

@@ -74,7 +74,7 @@ MEANS = [np.zeros(6), np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.003])]
 
 @over_critics
 @pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
-@pytest.mark.parametrize("ridge", [1e-6, 1e-2, 1.0])
+@pytest.mark.parametrize("ridge", [1e-6, 1.0])
 def test_the_natural_gradient_does_not_change_with_the_parametrisation(
     learn: Learn, critic: str, mean: np.ndarray, ridge: float
 ) -> None:

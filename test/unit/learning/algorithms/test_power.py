@@ -320,20 +320,6 @@ def test_reused_episodes_count_like_new_ones(
     assert np.abs(split.mean(x) - forgotten.mean(x)).max() > 1e-3
 
 
-def test_without_reuse_no_episode_is_stored(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    assert len(RKHSPoWER(reuse=0).remembered(random_episodes(policy), DISCOUNT)) == 0
-
-
-@pytest.mark.parametrize("power", [RKHSPoWER, PoWER])
-def test_swapped_bounds_of_the_deviation_are_rejected(power: type[WeightedExploration]) -> None:
-    with pytest.raises(ValueError, match=r"algorithm\.sd_minimum: expected at most 1\.0, got 2\.0"):
-        power(sd_minimum=2.0, sd_maximum=1.0)
-    assert power(sd_minimum=1.0, sd_maximum=1.0).sd_minimum == 1.0
-
-
 def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(
     learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep, LineSearch
+from rkhs_ros.learning.algorithms.step_rules import KLStep, LineSearch
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -44,10 +44,6 @@ def test_annealing_decreases_the_divergence_over_the_iterations(annealing: float
 @pytest.mark.parametrize("rule", [KLStep(0.02, cap=1.0), LineSearch()], ids=["kl", "line search"])
 def test_a_zero_direction_gives_no_step(rule: KLStep | LineSearch) -> None:
     assert rule.step_size(np.zeros((5, 2)), np.ones((5, 2)), never) == 0.0
-
-
-def test_a_fixed_step_does_not_depend_on_the_direction() -> None:
-    assert FixedStep(0.3).step_size(np.full((5, 2), 7.0), np.ones((5, 2)), never) == 0.3
 
 
 @given(best=st.floats(-4.0, 2.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))

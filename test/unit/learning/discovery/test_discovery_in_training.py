@@ -51,7 +51,7 @@ def training_with(**model: Any) -> Training:
     return training_from({**TREE, "model": {**MODEL, **model}})
 
 
-@pytest.mark.parametrize("discovery", ["none", "angles", "all"])
+@pytest.mark.parametrize("discovery", ["none", "all"])
 def test_the_wrapped_angle_of_the_pendulum_becomes_an_input(discovery: str) -> None:
     for iteration in learn(training_with(discovery=discovery)):
         inputs = iteration.policy.inputs
@@ -64,9 +64,8 @@ def test_monomials_keep_the_inputs() -> None:
     assert learn(training)[-1].policy.inputs == training.inputs
 
 
-@pytest.mark.parametrize("algorithm", ["enac", "power"])
-def test_the_centres_of_a_grid_keep_the_inputs(algorithm: str) -> None:
-    grid = {"name": algorithm, "grid_low": [-4.0, -9.0], "grid_high": [4.0, 9.0], "grid_counts": [3, 4]}
+def test_the_centres_of_a_grid_keep_the_inputs() -> None:
+    grid = {"name": "enac", "grid_low": [-4.0, -9.0], "grid_high": [4.0, 9.0], "grid_counts": [3, 4]}
     for iteration in learn(training_from({**TREE, "algorithm": grid, "iterations": 2})):
         assert iteration.policy.inputs == Inputs()
         assert len(iteration.policy.mean.centres) == 12
@@ -141,7 +140,7 @@ def test_a_run_whose_inputs_change_resumes_bit_identically(tmp_path: Path) -> No
     config = Config(WRAP, training_from(TREE))
     whole = results(run_training(config, Stopping(num_envs=config.training.num_envs), tmp_path / "whole", quiet=True))
     assert load_policy(tmp_path / "whole" / "policy.npz")[0].inputs == Inputs(**ANGLE)
-    for batches in range(6):
+    for batches in (1, 2, 4):
         folder = tmp_path / str(batches)
         with pytest.raises(KeyboardInterrupt):
             run_training(config, Stopping(batches), folder, quiet=True)

@@ -81,7 +81,7 @@ def discovered(episodes: Episodes, inputs: Inputs = Inputs(), *, history: bool =
     return discover_inputs(inputs, episodes, spaces_of(episodes), history=history)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_unwrapped_angle_of_a_pendulum_is_found(seed: int) -> None:
     radians = discovered(pendulum(seed))
     assert (radians.columns, radians.history) == ([0], 1)
@@ -90,7 +90,7 @@ def test_the_unwrapped_angle_of_a_pendulum_is_found(seed: int) -> None:
     assert (degrees.columns, degrees.turns, degrees.history) == ([0], (360.0,), 1)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_free_position_is_not_an_angle(seed: int) -> None:
     assert np.ptp(cart(seed).observations[..., 0]) > 2.0 * np.pi
     assert discovered(cart(seed)) == Inputs()
@@ -109,7 +109,7 @@ def test_observations_of_the_whole_state_keep_the_history(task: Any, seed: int) 
 
 @pytest.mark.parametrize("task", [pendulum, cart])
 @pytest.mark.parametrize("hide", [late, lambda episodes: observing(episodes, [0])], ids=["late", "no velocities"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0])
 def test_a_hidden_state_lengthens_the_history_by_one_step(task: Any, hide: Any, seed: int) -> None:
     hidden, known = hide(task(seed)), Inputs(angles=(0.0,)) if task is pendulum else Inputs()
     longer = discovered(hidden, known)

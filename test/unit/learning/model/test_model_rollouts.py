@@ -232,9 +232,8 @@ def test_termination_only_truncates_a_rollout(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(difference, -model.terminal_reward.mean * ending.terminated)
 
 
-@pytest.mark.parametrize("history", [1, 3])
-def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator, history: int) -> None:
-    inputs = Inputs(history=history, angles=(0.0,))
+def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator) -> None:
+    inputs = Inputs(history=3, angles=(0.0,))
     episodes = simulated_episodes(rng, rows=40, ending=True)
     runner = ModelRunner(DynamicsModel.fit(episodes, inputs, SPACES, 40))
     policy, batch = policy_of(rng, inputs), batch_of(13)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
-from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
 from rkhs_ros.learning.model_based.training_in_model import (
@@ -91,10 +91,9 @@ def assert_sound(iterations: list[Iteration]) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("inputs", [{}, {"angles": [0]}, {"history": 2}], ids=["plain", "angles", "history"])
 @over_algorithms
-def test_every_algorithm_trains_in_a_model(algorithm: str, inputs: dict[str, Any]) -> None:
-    iterations = learn(settings(algorithm, inputs=inputs))
+def test_every_algorithm_trains_in_a_model(algorithm: str) -> None:
+    iterations = learn(settings(algorithm, inputs={"angles": [0], "history": 2}))
     assert_sound(iterations)
     assert iterations[-1].policy.mean.weights.any()
 
@@ -116,7 +115,7 @@ def test_variants_of_algorithms_train_in_a_model(algorithm: str, changes: dict[s
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("form", ["linear", "polynomial", "rbf + linear", "rbf * polynomial"])
+@pytest.mark.parametrize("form", ["linear", "rbf * polynomial"])
 def test_model_based_training_supports_all_kernels(form: str) -> None:
     assert_sound(learn(settings(kernel={"form": form, "degree": 2, "offset": 0.0})))
 
@@ -171,10 +170,12 @@ ODD = {
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("odd", ODD.values(), ids=ODD)
-@over_algorithms
-def test_degenerate_tasks_train_in_a_model_without_warnings(algorithm: str, odd: dict[str, Any]) -> None:
-    assert_sound(learn(settings(algorithm), partial(Odd, **odd)))
+@pytest.mark.parametrize(
+    ("algorithm", "odd"),
+    sorted({*product(["rkhs_nac"], ODD), *product(ALGORITHMS, ["episodes of one step", "constant rewards"])}),
+)
+def test_degenerate_tasks_train_in_a_model_without_warnings(algorithm: str, odd: str) -> None:
+    assert_sound(learn(settings(algorithm), partial(Odd, **ODD[odd])))
 
 
 @pytest.mark.filterwarnings("error")
@@ -231,11 +232,6 @@ def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -
     [
         ("model.centres=many", "model.centres: expected a whole number, got 'many'"),
         ("model.validation_rollouts=1", "model.validation_rollouts: expected a number in [2, 10000], got 1"),
-        ("model.discovery=most", "model.discovery: unknown choice 'most'"),
-        ("model.updates=0", "model.updates: expected a number in [1, 1000], got 0"),
-        ("model.updates=2.5", "model.updates: expected a whole number, got 2.5"),
-        ("model.exploration=1", "unknown key 'model.exploration'"),
-        ("model.form=dream", "model.form"),
         ("model=none", "model: expected a section of keys such as model.form=none, got 'none'"),
     ],
 )
@@ -265,7 +261,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return results(run_training(CONFIG, ahead, tmp_path_factory.mktemp("whole") / "run", quiet=True))
 
 
-@pytest.mark.parametrize("batches", range(2 * ITERATIONS))
+@pytest.mark.parametrize("batches", [1, 2, 4])
 def test_an_interrupted_model_based_run_resumes_bit_identically(
     tmp_path: Path, whole: dict[str, object], batches: int
 ) -> None:
@@ -307,7 +303,7 @@ def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(
         np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
 
 
-@pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (0.93, 43), (0.999, 100), (1.0, 100)])
+@pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (1.0, 100)])
 def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps: int) -> None:
     lasted = []
 
@@ -342,14 +338,11 @@ def test_a_policy_whose_kernel_still_fits_keeps_its_mean() -> None:
         assert any(np.array_equal(mean.weights, each.weights) for each in earlier)
 
 
-@pytest.mark.parametrize("algorithm", [RKHSNAC, RKHSNPG])
-def test_exploration_in_the_model_decays_to_its_minimum(
-    algorithm: type[RKHSNAC | RKHSNPG], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_exploration_in_the_model_decays_to_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     deviations: list[float] = []  # before each update
 
     @dataclass(frozen=True)
-    class Watched(algorithm):
+    class Watched(RKHSNAC):
         def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
             deviations.append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
             return super().update(policy, experience)
