@@ -129,7 +129,7 @@ def test_a_block_that_is_not_run_states_why() -> None:
 
 def test_links_have_targets() -> None:
     broken = []
-    for page, link in ((page, link) for page in PAGES for link in links(page)):
+    for page, link in ((each, link) for each in PAGES for link in links(each)):
         if link.startswith(("http:", "https:", "mailto:")):
             continue
         name, _, anchor = unquote(link).partition("#")

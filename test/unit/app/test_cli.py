@@ -159,13 +159,6 @@ def test_a_folder_in_use_is_not_changed(rkhs: Run, tmp_path: Path, out: str) -> 
     assert contents(tmp_path) == before
 
 
-def test_a_truncated_policy_file_gives_one_line(rkhs: Run, policy_file: Path) -> None:
-    whole = policy_file.read_bytes()
-    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
-        policy_file.write_bytes(whole[:length])
-        assert_refused(rkhs("evaluate", policy_file), "toy.npz: expected a complete policy file")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [("--episodes", "0"), ("--discount", "nan")],
@@ -306,20 +299,6 @@ def test_topics_without_interfaces_are_rejected_with_a_hint(rkhs: Run, tmp_path:
 def test_simulate_needs_a_known_task(rkhs: Run) -> None:
     assert_refused(rkhs("simulate"), "simulate: expected either CONFIG or --env ID, got none")
     assert_refused(rkhs("simulate", "--env", "rkhs/Pendulm-v0"), "did you mean 'rkhs/Pendulum-v0'?")
-
-
-@pytest.mark.usefixtures("unbuilt")
-@pytest.mark.parametrize(
-    "arguments",
-    [("status",), ("train", CONFIG, "--runner", "ros")],
-)
-def test_the_hint_for_pip_users_does_not_mention_make(
-    rkhs: Run, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
-) -> None:
-    monkeypatch.setattr(ros, "REPOSITORY", Path("/home/me/.venv/lib/python3.11/site-packages"))
-    result = rkhs(*arguments)
-    assert_refused(result, "pip installs the library only; for topics and robots build the repository, see its docs")
-    assert "make build" not in result.err
 
 
 def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -204,9 +204,3 @@ def test_episodes_of_an_environment_without_a_time_limit_are_noted_once_unless_t
     rkhs_ros.train(unlimited, progress=False, **SHORT)
     rkhs_ros.train("rkhs/Toy-v0", progress=False, **short)
     assert capsys.readouterr().err == ""
-
-
-def test_numpy_numbers_are_accepted() -> None:
-    choice = rkhs_ros.KernelChoice(bandwidth=np.array([1.0, 2.0]), degree=np.int64(4))
-    assert choice == rkhs_ros.KernelChoice(bandwidth=(1.0, 2.0), degree=4)
-    assert type(choice.degree) is int

@@ -226,15 +226,3 @@ def test_an_answer_that_is_no_bool_is_rejected_with_the_name_of_the_callback() -
     )
     with pytest.raises(ValueError, match=expected):
         rkhs_ros.train("rkhs/Toy-v0", callback=returns_an_array, **SHORT)
-
-
-def test_one_line_says_that_the_callback_stopped_the_run(capsys: pytest.CaptureFixture[str]) -> None:
-    for answer, lines in ((False, ["stopped by the callback after iteration 1"]), (True, [])):
-        rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **{**SHORT, "progress": True})
-        errors = capsys.readouterr().err.splitlines()
-        assert [line for line in errors if "callback" in line] == lines
-
-
-def test_a_missing_policy_is_named_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"nosuch: expected a policy file, or the folder of a run, got neither"):
-        rkhs_ros.evaluate(tmp_path / "nosuch")

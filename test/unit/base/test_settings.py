@@ -10,7 +10,7 @@ from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.step_rules import FixedStep
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.training_settings import Training, training_from
-from rkhs_ros.rkhs.kernels import Kernel, Linear, Product, Sum
+from rkhs_ros.rkhs.kernels import Kernel, Product, Sum
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,3 @@ def test_an_unknown_keyword_suggests_the_closest_setting(cls: type) -> None:
     for f in fields(cls):
         with pytest.raises(TypeError, match=rf"^{cls.__name__}: unknown setting '{f.name}x', did you mean '{f.name}'"):
             cls(**{f.name + "x": 1})
-
-
-def test_american_spelling_suggests_the_british_setting() -> None:
-    with pytest.raises(TypeError, match=r"^RKHSNAC: unknown setting 'centers', did you mean 'centres'\?$"):
-        RKHSNAC(centers=80)  # type: ignore[call-arg]
-    with pytest.raises(TypeError, match=r"^Linear: unknown setting 'center', did you mean 'centre'\?$"):
-        Linear(center=0.0)  # type: ignore[call-arg]

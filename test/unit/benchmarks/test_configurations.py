@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from configurations import Result, as_csv, as_markdown, measure, names, read_results, result_of, summaries
+from configurations import Result, as_markdown, names, read_results, result_of, summaries
 from trial import median_until
 
 ROOT = Path(__file__).parents[3]
@@ -33,18 +33,6 @@ def with_intervals(name: str) -> str:
 def test_episodes_are_counted_until_a_return_is_above_a_threshold() -> None:
     curve = [(5, 44.0), (10, 45.0), (15, 45.1), (20, 30.0), (25, 49.0)]
     assert result_of("a", 100, (45.0, 50.0), curve) == Result("a", 100, 25, 49.0, 15.0, math.inf)
-
-
-def test_a_search_by_cma_es_counts_every_candidate() -> None:
-    result = measure("pendulum_few_nac by CMA-ES, sd 1", 100, ["iterations=2", "horizon=5"])
-    assert result.episodes == 15  # one generation of the package's population for 40 weights, beyond 2 times 5
-
-
-def test_results_survive_a_round_trip(tmp_path: Path) -> None:
-    results = [Result("b", 101, 25, 49.125, 15.0, math.inf), Result("a", 100, 25, 49.125, 15.0, 17.5)]
-    file = tmp_path / "results.csv"
-    file.write_text(as_csv(results))
-    assert read_results(file) == sorted(results)
 
 
 def test_seeds_that_never_reach_a_threshold_are_counted() -> None:

@@ -2,7 +2,6 @@
 
 import csv
 from collections.abc import Iterator
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,11 @@ import tasks
 from deep_peers import SeenThrough
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import config_for
 from task_learners import LEARNERS, Learner, missing
-from tasks import Cell, as_csv, as_markdown
-from trial import Meter, MeteredRunner, Point, Trial, read_curve, write_curve
+from tasks import Cell, as_csv
+from trial import Meter, MeteredRunner, Point, Trial
 
 STEPS = 3  # per episode
 RIVALS = ("linear-cma-es", "linear-ars")
@@ -72,30 +70,10 @@ def test_a_search_maximises_a_quadratic(make: Any) -> None:
     assert np.sum((search.mean - best) ** 2) < 0.1 * np.sum(best**2)
 
 
-@over_searches
-def test_a_search_with_constant_returns_stays_finite(make: Any) -> None:
-    search = make(2, 0)
-    for _ in range(3):
-        candidates = search.ask()
-        search.tell(candidates, np.zeros(len(candidates)))
-    assert np.isfinite(search.mean).all()
-
-
 @pytest.mark.parametrize("learner", RIVALS)
 def test_a_linear_policy_learns_a_linear_task(learner: str, quadratic: str) -> None:
     curve = curve_of(learner, quadratic, 200, f"horizon={STEPS}")
     assert curve[-1].undiscounted_return > 0.3 * curve[0].undiscounted_return  # returns are negative
-
-
-def test_weights_are_constant_and_slopes_of_standardised_inputs() -> None:
-    stream = np.random.default_rng(0)
-    seen, x, weights = (stream.normal(size=shape) * 5 + 3 for shape in ((50, 3), (7, 3), (2, 4)))
-    seen[:, 2] = 1.0  # constant: it is shifted, not scaled
-    spaces = Spaces((3,), np.array([-100.0, -np.inf]), np.array([100.0, np.inf]))
-    z = (x - seen.mean(axis=0)) / [seen[:, 0].std(), seen[:, 1].std(), 1.0]
-    expected = (weights[:, 0] + z @ weights[:, 1:].T) * [100.0, 1.0]
-    expected[:, 0] = np.clip(expected[:, 0], -100.0, 100.0)
-    np.testing.assert_allclose(task_learners.linear(weights.ravel(), seen, spaces)(x), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(("learner", "generation"), [("linear-ars", 16), ("linear-cma-es", 7), ("no-model", 5)])
@@ -115,11 +93,6 @@ def test_evaluation_costs_no_cpu_seconds(quadratic: str) -> None:
     runner.collect(policy, Batch(0, 0, 300, STEPS, explore=True))
     assert evaluated < 0.5 * (meter.point(np.zeros((1, 1))).cpu_seconds - before)
     assert (meter.episodes, meter.steps) == (300, 900)
-
-
-def test_a_point_has_the_return_with_and_without_discount() -> None:
-    point = Meter(0.5).point(np.array([[1.0, 2.0, 4.0], [1.0, 0.0, 0.0]]))
-    assert (point.undiscounted_return, point.discounted_return) == (4.0, 2.0)
 
 
 def test_other_learners_get_the_same_observations() -> None:
@@ -180,19 +153,6 @@ def test_an_interrupted_table_continues(tmp_path: Path, counted: Counted, capsys
     assert counted.seeds == [0, 1, 2, 3]
 
 
-def test_changed_trials_run_again(tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch) -> None:
-    table(tmp_path, "--learners", "counted")
-    table(tmp_path, "--learners", "counted")
-    for change in ("--episodes=7", "code", "changes"):
-        before = len(counted.seeds)
-        if change == "code":
-            monkeypatch.setattr(task_learners, "_source_digest", lambda packages: "other")
-        if change == "changes":
-            monkeypatch.setitem(LEARNERS, "counted", replace(LEARNERS["counted"], changes=("discount=0.9",)))
-        table(tmp_path, "--learners", "counted", *([change] if change.startswith("--") else []))
-        assert counted.seeds[before:] == [0, 1, 2, 3], change
-
-
 def test_other_learners_do_not_depend_on_our_settings() -> None:
     def key(learner: str, change: str) -> str:
         return LEARNERS[learner].key(Trial(config_for("rkhs/Toy-v0", 20, [change]), 10, discounted=True), ())
@@ -200,46 +160,6 @@ def test_other_learners_do_not_depend_on_our_settings() -> None:
     assert key("linear-ars", "algorithm.ridge=0.5") == key("linear-ars", "algorithm.ridge=0.1")
     assert key("ours", "algorithm.ridge=0.5") != key("ours", "algorithm.ridge=0.1")
     assert key("linear-ars", "horizon=10") != key("linear-ars", "horizon=20")
-
-
-def test_a_failing_learner_does_not_stop_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def fails(trial: Trial) -> list[Point]:
-        if trial.config.training.seed == 1:
-            raise ValueError("out of luck")
-        return [Point(10, 200, 0.1, 15.0, 14.0)]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(LEARNERS, "fails", Learner(fails))
-        assert table(tmp_path, "--learners", "fails") == 1
-    assert "ValueError: out of luck" in capsys.readouterr().err
-    assert len(list((tmp_path / "curves").iterdir())) == 3
-
-
-def test_missing_packages_are_skipped_by_name(
-    tmp_path: Path, counted: Counted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(LEARNERS, "absent", Learner(counted, packages=("no-such-package",)))
-    assert table(tmp_path, "--learners", "absent") == 0
-    assert "skipped: toy by absent: expected no-such-package" in capsys.readouterr().err
-    assert not counted.seeds
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--tasks", "Pendulm-v1"], "unknown task 'Pendulm-v1', did you mean 'Pendulum-v1'?"),
-        (["--learners", "linear-arz"], "unknown learner 'linear-arz', did you mean 'linear-ars'?"),
-        (["--seeds", "0..9"], "--seeds: expected"),
-        (["--episodes", "0"], "--episodes: expected at least 1, got 0"),
-    ],
-)
-def test_bad_arguments_are_rejected_with_one_line(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert tasks.main(arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", tasks.TASKS)
@@ -274,18 +194,3 @@ def test_summary_of_given_curves() -> None:
     assert float(shown["return after", "30"][0]) == pytest.approx((5.0 + 6.0 + 0.0) / 3)
     assert float(shown["return after", "100"][0]) == pytest.approx((2.0 + 8.0 + 5.0) / 3)
     assert float(shown["CPU seconds", ""][0]) == pytest.approx(1.0)
-
-
-def test_the_summary_leaves_unknown_values_empty() -> None:
-    curves = [[point(16, 3.0), point(32, 4.0)]]
-    shown = summary(curves, 4.0)
-    assert shown["return after", "10"] == shown["return after", "100"] == ("", "", "")
-    assert shown["return after", "30"] == ("3.0", "", "")  # a single run has no interval
-    text = as_markdown([Cell("toy", "hand", (4.0, 9.0), True, curves)])
-    assert "| hand | 1 | 32 | 640 | not reached | not reached | - | 3 | - | 0.32 |" in text
-
-
-def test_curves_survive_a_round_trip(tmp_path: Path) -> None:
-    curve = [Point(10, 200, 0.1, 1 / 3, -2e-300), Point(20, 400, 0.2, -np.inf, 5.0)]
-    write_curve(tmp_path / "curve.csv", curve)
-    assert read_curve(tmp_path / "curve.csv") == curve

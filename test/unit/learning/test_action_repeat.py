@@ -211,12 +211,6 @@ def test_files_and_messages_keep_the_action_repeat() -> None:
         policy_of_message(message)
 
 
-@pytest.mark.parametrize("value", [0, True, 2.0])
-def test_a_policy_checks_its_action_repeat(value: Any) -> None:
-    with pytest.raises(ValueError, match="action_repeat: expected 1 to 1000, got"):
-        replace(make_policy(1), action_repeat=value)
-
-
 @pytest.mark.parametrize("value", [1001, "x"])
 def test_a_setting_of_the_action_repeat_is_checked(value: Any) -> None:
     with pytest.raises(ValueError, match=r"^action_repeat: [^\n]+$"):

@@ -36,7 +36,6 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.informative_inputs import most_informative_inputs
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
@@ -287,17 +286,6 @@ def test_bands_stay_within_the_runs() -> None:
         assert drawn.max() <= returns.evaluation.max()
     deviation = returns.evaluation.std(axis=0, ddof=1)
     assert (returns.evaluation.mean(axis=0) - deviation).min() < 0.0  # the band without clipping
-
-
-def test_the_slice_is_over_the_most_informative_inputs() -> None:
-    points = np.random.default_rng(0).normal(size=(500, 17))
-    columns, explained = most_informative_inputs(lambda x: np.sin(x[:, 3]) + 2.0 * x[:, 11] + 0.01 * x[:, 5], points)
-    assert columns == (3, 11)
-    assert explained == pytest.approx(1.0, abs=0.01)
-    wide = points * np.where(np.arange(17) == 5, 1e3, 1.0)  # the policy hardly depends on it, although it varies most
-    assert most_informative_inputs(lambda x: x[:, 3] * x[:, 11] + x[:, 3] + 1e-5 * x[:, 5], wide).columns == (3, 11)
-    columns, explained = most_informative_inputs(lambda x: np.ones(len(x)), points)
-    assert np.isnan(explained)
 
 
 def test_pictures_are_opaque_with_any_style() -> None:

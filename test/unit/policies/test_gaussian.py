@@ -7,8 +7,6 @@ from scipy import stats
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Polynomial
 from test.unit.conftest import kl_between
 
@@ -53,16 +51,6 @@ def test_mean_kl_is_the_closed_form_of_each_dimension(
     assert kl_between(old, old, x) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_mean_kl_is_the_expected_log_ratio(random_policy: Make, rng: np.random.Generator) -> None:
-    old, new = random_policy(), random_policy()
-    x = rng.normal(size=(1, 2))
-    many = np.repeat(x, 40_000, axis=0)
-    actions = old.act(many, rng.standard_normal((len(many), 2)))
-    ratios = log_density(old, many, actions) - log_density(new, many, actions)
-    # Within five standard errors of the Monte Carlo mean.
-    assert kl_between(old, new, x) == pytest.approx(ratios.mean(), abs=5 * ratios.std() / np.sqrt(len(ratios)))
-
-
 @over_variances
 def test_actions_have_the_policys_mean_and_variance(
     random_policy: Make, rng: np.random.Generator, learnt: bool
@@ -90,24 +78,3 @@ def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> 
     Acting(random_policy(n=10), most, explore=True)
     with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
         Acting(random_policy(n=11), most, explore=True)
-
-
-def test_mean_and_variance_of_different_dimensions_are_rejected(random_policy: Make) -> None:
-    with pytest.raises(ValueError, match="variance: expected 2 action dimensions like the mean, got 3"):
-        replace(random_policy(n=2), variance=ConstantVariance(np.ones(3)))
-
-
-@over_variances
-def test_the_derivative_of_log_prob_along_a_function_is_its_inner_product_with_the_score(
-    random_policy: Make, rng: np.random.Generator, learnt: bool
-) -> None:
-    policy = random_policy(learnt=learnt)
-    kernel = policy.mean.kernel
-    for _ in range(10):
-        s, a = rng.normal(size=(1, 2)), rng.normal(size=(1, 2))
-        along = Function(kernel, rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
-        gradient = Function(kernel, s, policy.score(s, a))  # K(s, .) u
-        there = [policy.with_mean(policy.mean + along.scale(size)) for size in (1e-3, -1e-3)]
-        forth, back = (log_density(each, s, a)[0] for each in there)
-        # Along a line log pi is a parabola, on which the central difference is exact.
-        assert gradient.inner(along) == pytest.approx((forth - back) / 2e-3, rel=1e-8, abs=1e-9)

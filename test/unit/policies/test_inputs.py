@@ -162,18 +162,6 @@ def test_inputs_are_periodic_in_angles(rng: np.random.Generator) -> None:
     assert np.array_equal(inputs.features(x), np.stack([np.sin(x[:, 0]), np.cos(x[:, 0]), x[:, 1]], axis=1))
 
 
-@pytest.mark.parametrize(
-    ("angles", "message"),
-    [
-        ((0.5,), r"inputs\.angles: expected whole numbers, got \(0\.5,\)"),
-        ((0.0, 0.0), r"inputs\.angles: expected each column once"),
-    ],
-)
-def test_invalid_angle_columns_are_rejected(angles: tuple[float, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Inputs(angles=angles).dimension(2, 1)
-
-
 @given(
     turn=st.sampled_from([360.0, 6400.0, 1.0, 2.0 * np.pi]),
     history=st.integers(1, 3),

@@ -35,13 +35,6 @@ def test_each_step_has_variance_one_and_depends_on_no_later_draw() -> None:
     np.testing.assert_allclose(np.tril(made_of, -1), 0.0, atol=1e-14)
 
 
-def test_over_many_episodes_the_variance_of_each_step_is_one(random_policy: Make) -> None:
-    draws = replace(random_policy(), noise="pink").exploration(Batch(0, 0, 5000, 30, explore=True))
-    error = np.sqrt(2 / 5000)  # standard error of the variance of 5000 normal numbers
-    assert np.abs(draws.var(axis=0) - 1).max() < 5 * error
-    assert np.abs(draws.mean(axis=0)).max() < 5 / np.sqrt(5000)
-
-
 def test_the_power_of_pink_noise_falls_as_one_over_frequency(random_policy: Make) -> None:
     steps = 2**16
     slopes = {}

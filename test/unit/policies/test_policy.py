@@ -85,10 +85,3 @@ def test_the_policy_copies_observations(rng: np.random.Generator) -> None:
     for observation in rng.normal(size=(6, 3)):
         used_again[:] = observation
         assert np.array_equal(one(used_again), other(observation.copy()))
-
-
-def test_composed_observations_are_rejected_with_a_hint(rng: np.random.Generator) -> None:
-    policy = Policy(over(1, rng), TASK, Spaces((3,), -BOUNDS, BOUNDS))
-    with pytest.raises(ValueError, match=r"Use gymnasium\.spaces\.flatten"):
-        policy({"angle": 1.0})
-    assert repr(policy) == "<Policy of Pendulum-v1: 4 inputs, 2 actions, 6 centres>"

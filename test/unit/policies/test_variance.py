@@ -56,11 +56,6 @@ def test_kernels_with_negative_values_are_rejected() -> None:
             KernelVariance(**{**GOOD, "kernel": kernel})
 
 
-def test_near_a_single_centre_the_variance_is_that_of_the_centre() -> None:
-    variance = KernelVariance(**{**GOOD, "kernel": RBF((0.1,))})
-    np.testing.assert_allclose(variance(GOOD["centres"]), GOOD["values"], rtol=1e-12)
-
-
 def test_between_centres_the_variance_is_their_weighted_mean() -> None:
     near = np.exp(-0.5 * np.array([0.7, 1.3]) ** 2) * [1.0, 3.0]
     expected = (near @ [1.0, 4.0]) / near.sum()
@@ -90,12 +85,6 @@ def test_a_row_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
 def test_variances_of_wrong_shape_or_out_of_range_are_rejected(change: dict[str, np.ndarray], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         KernelVariance(**{**GOOD, **change})
-
-
-@pytest.mark.parametrize("values", [[0.0], [[1.0]]])
-def test_a_constant_variance_must_be_positive_and_one_dimensional(values: list[float]) -> None:
-    with pytest.raises(ValueError, match="variance: expected"):
-        ConstantVariance(np.array(values))
 
 
 @given(sd=st.floats(0.01, 10), factor=st.floats(0, 1), minimum=st.floats(0.01, 10))

@@ -113,11 +113,3 @@ def test_a_sum_shares_equal_centres(kernel: Kernel, rng: np.random.Generator) ->
     total = h + g
     assert np.array_equal(total.centres, h.centres)
     np.testing.assert_allclose(total(x), h(x) + g(x), rtol=1e-12, atol=1e-12)
-
-
-@over_kernels
-def test_a_sum_concatenates_centres_in_another_order(kernel: Kernel, rng: np.random.Generator) -> None:
-    h, x = random_function(kernel, 0), rng.normal(size=(9, 2))
-    g = Function(kernel, h.centres[::-1], rng.normal(size=h.weights.shape))
-    assert len((h + g).centres) == 2 * len(h.centres)
-    np.testing.assert_allclose((h + g)(x), h(x) + g(x), rtol=1e-12, atol=1e-12)

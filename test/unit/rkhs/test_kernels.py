@@ -176,12 +176,6 @@ def test_the_median_bandwidth_of_a_subset_approximates_that_of_all_points(rng: n
     assert median_bandwidth(x)[0] == pytest.approx(all_pairs, rel=0.08)
 
 
-@pytest.mark.filterwarnings("error")
-def test_a_constant_dimension_gets_a_bandwidth_of_1() -> None:
-    assert median_bandwidth(np.full((5, 2), 3.0)) == (1.0, 1.0)
-    assert median_bandwidth(np.full((1, 2), 3.0)) == (1.0, 1.0)
-
-
 @pytest.mark.parametrize("value", [0.1, -1e8 / 3, 1e-30 / 7])
 def test_a_dimension_with_rounding_errors_only_gets_a_bandwidth_of_1(value: float) -> None:
     rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100))

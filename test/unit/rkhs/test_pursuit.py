@@ -152,14 +152,6 @@ def test_zero_targets_select_nothing(fitting: Fitting) -> None:
     assert (len(fit.chosen), fit.function.weights.shape, fit.error) == (0, (0, 2), 0.0)
 
 
-def test_a_function_of_few_candidates_is_recovered_exactly(rng: np.random.Generator) -> None:
-    points, _, candidates = problem(9)
-    truth = Function(KERNEL, candidates[[3, 11, 20]], rng.normal(size=(3, 2)))
-    fit = pursue(KERNEL, points, truth(points), candidates, budget=3)
-    elsewhere = rng.uniform(-2, 2, (10, 2))
-    np.testing.assert_allclose(fit.function(elsewhere), truth(elsewhere), atol=1e-4)
-
-
 @given(seed=st.integers(0, 10_000), m=st.integers(1, 12))
 def test_a_budget_for_all_centres_preserves_the_function(seed: int, m: int) -> None:
     rng = np.random.default_rng(seed)

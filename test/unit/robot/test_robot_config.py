@@ -21,15 +21,6 @@ def code_of(*arguments: object) -> object:
     return end.value.code
 
 
-def test_the_environment_and_spaces_follow_from_the_robots_task() -> None:
-    config = load_config(PENDULUM)
-    assert (config.environment.id, config.environment.num_envs) == ("motor_pendulum", 1)
-    assert list(config.environment.nodes) == ["robot", "gate", "simulated_robot"]
-    spaces = check_robot(config)
-    assert (spaces.observation_shape, spaces.action_high.tolist()) == ((2,), [3.0])
-    assert config.task.environment == "motor_pendulum"
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

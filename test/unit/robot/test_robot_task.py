@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -183,13 +182,6 @@ def test_an_interrupt_raised_by_a_function_is_its_error() -> None:
         signal.signal(signal.SIGINT, handler)
     with pytest.raises(KeyboardInterrupt):
         rules.step_reward(ones, ones, ones, 0.0)
-
-
-def test_action_names_include_joint_kind_and_scale() -> None:
-    action = Commands(minimum=(-1.0, -1.0), maximum=(1.0, 1.0), kind="velocity")
-    assert action.names(("a", "b")) == ("a velocity (rad/s)", "b velocity (rad/s)")
-    scaled = replace(action, scale=(1.0, 0.5), unit=("m/s",))
-    assert scaled.names(("a", "b")) == ("a velocity (m/s)", "b velocity (0.5 m/s)")
 
 
 @pytest.mark.parametrize("names", [((), ()), (("angle (rad)", "speed (rad/s)"), ("torque (N m)",))])

@@ -108,26 +108,6 @@ def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: 
     assert Simulation(Still).step_seconds == 1.0
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("metadata", {"num_envs": -3}, "metadata: num_envs: expected a whole number, 0 for any number, got -3"),
-        ("observation_space", Box(-1.0, 1.0, (0,)), r"Still observations: expected at least one number, got the shape"),
-        (
-            "action_space",
-            Box(-1.0, 1.0, (2, 0)),
-            r"Still actions: expected at least one number, got the shape \(2, 0\)",
-        ),
-    ],
-)
-def test_unsupported_spaces_and_metadata_are_rejected(
-    monkeypatch: pytest.MonkeyPatch, name: str, value: Any, message: str
-) -> None:
-    monkeypatch.setattr(Still, name, value)
-    with pytest.raises(ValueError, match=message):
-        Simulation(Still)
-
-
 SELFISH = """
 import gymnasium, numpy as np, os
 from test.unit.rollouts.test_bad_environments import Still

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rkhs_ros
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.environments import env_batch_of, name_of, spec_of, time_limit
+from rkhs_ros.rollouts.environments import env_batch_of, spec_of, time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
@@ -229,14 +229,6 @@ def test_a_module_in_the_folder_is_imported(tmp_path: Path, monkeypatch: pytest.
         Simulation("broken_life:Still-v0")
 
 
-def test_environments_are_named_by_id_or_class() -> None:
-    assert name_of("test/Countdown-v0") == "test/Countdown-v0"
-    assert name_of(gymnasium.make("test/Countdown-v0")) == "test/Countdown-v0"
-    assert name_of(Countdown()) == name_of(Countdown) == "Countdown"
-    assert time_limit(Countdown()) is None
-    assert env_batch_of(Countdown()).capacity(5) == 1
-
-
 def test_a_function_that_returns_the_same_environment_limits_the_batch_to_one(
     policy: GaussianPolicy, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -253,19 +245,6 @@ def test_an_instance_has_id_and_options_unless_wrapped() -> None:
     assert (made.environment, made.options) == ("MountainCarContinuous-v0", {"goal_velocity": 0.01})
     wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
     assert Simulation(wrapped).environment == "PendulumEnv"
-
-
-@pytest.mark.parametrize("num_envs", [-1, True])
-def test_num_envs_is_a_whole_number(num_envs: Any) -> None:
-    with pytest.raises(ValueError, match="num_envs: expected a whole number"):
-        Simulation("test/Countdown-v0", num_envs=num_envs)
-
-
-def test_only_an_id_takes_options() -> None:
-    with pytest.raises(ValueError, match="options: expected a mapping"):
-        Simulation("test/Countdown-v0", [1])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="options: expected none, since only an id takes options"):
-        Simulation(Countdown, {"a": 1})
 
 
 class OldGenerator(gymnasium.Env[Any, Any]):

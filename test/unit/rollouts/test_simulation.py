@@ -67,12 +67,6 @@ def test_a_finished_episode_has_no_further_reward(walk: Simulation) -> None:
     assert rewards == [[1.0] * 4 + [0.0] * 4, [1.0] * 8, [1.0] + [0.0] * 7]
 
 
-def test_actions_are_clipped_to_the_environments_space(walk: Simulation) -> None:
-    walk.start(batch(1, 3))
-    frame = walk.step(np.array([[9.0, -9.0]]))
-    assert frame.observations[0, 0] == 2.0 - 1.0
-
-
 def test_an_episode_depends_only_on_its_number(walk: Simulation) -> None:
     offsets = walk.start(batch(4, 3)).observations[:, 1]
     assert len(set(offsets)) == 4
@@ -103,18 +97,6 @@ def test_unknown_or_discrete_environments_are_rejected_in_one_line(environment: 
     with pytest.raises(ValueError, match=message) as refusal:
         Simulation(environment)
     assert "\n" not in str(refusal.value)
-
-
-def test_discrete_observations_are_rejected() -> None:
-    class Counting(Walk):
-        observation_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]
-
-    gymnasium.register("test/Counting-v0", Counting)
-    try:
-        with pytest.raises(ValueError, match="Counting-v0 observations: expected a continuous space"):
-            Simulation("test/Counting-v0")
-    finally:
-        del gymnasium.registry["test/Counting-v0"]
 
 
 @pytest.mark.parametrize(

@@ -191,10 +191,3 @@ def test_a_different_expected_environment_is_rejected(write: Any, learner: str, 
 )
 def test_a_section_applies_to_matching_nodes(section: str, node: str, expected: bool) -> None:
     assert is_for(section, node) is expected
-
-
-def test_invalid_utf_8_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "c.yaml"
-    path.write_bytes(b"\xff\xfe\xff")
-    with pytest.raises(ValueError, match=r"c\.yaml: expected a YAML file"):
-        load_config(path)

@@ -16,7 +16,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.config_comments import FOUND, found_comments
+from rkhs_ros.runs.config_comments import FOUND
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.run import run_training
@@ -85,16 +85,6 @@ def test_an_initial_policy_brings_settings_that_were_not_found(
     run_training(CONFIG, runner(), folder)
     assert comments(folder) == [comments(whole)[0].replace("found in iteration 1", "from the initial policy")]
     assert "found" not in capsys.readouterr().err
-
-
-def test_inputs_that_change_later_are_found_later() -> None:
-    training = model_free(iterations=1, episodes_per_iteration=1, evaluation_episodes=1, horizon=4)
-    (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
-    assert found_comments(iteration, training) == []
-    later = replace(iteration, before=Known(1, Inputs()), state=replace(iteration.state, iterations=7))
-    policy = replace(later.policy, inputs=Inputs(history=2))
-    later = replace(later, state=replace(later.state, policy=policy))
-    assert found_comments(later, training) == ["# found in iteration 7: inputs.history=2"]
 
 
 @pytest.mark.parametrize(

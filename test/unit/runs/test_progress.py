@@ -17,7 +17,6 @@ import pytest
 from rich.console import Console
 
 from rkhs_ros.app.inline import iterations
-from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -79,14 +78,6 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
     assert returns.endswith(", model -1234 (model error 0.012)")
 
 
-def test_a_return_of_any_size_fits_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    training = model_free(name="short", iterations=1, episodes_per_iteration=2, evaluation_episodes=1, horizon=4)
-    (iteration,) = train(training, InlineRunner(Simulation("rkhs/Toy-v0")))
-    with progress_bar(training) as show:
-        show(replace(iteration, exploration_returns=np.array([1.25e30]), evaluation_returns=np.array([-1e-30])))
-    assert "return 1.25e+30, evaluation -1e-30" in " ".join(capsys.readouterr().err.split())
-
-
 @pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
 def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, period: float, numbers: list[str]
@@ -104,14 +95,6 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     assert [line.split()[2] for line in lines] == numbers
     assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, evaluation " in lines[-1]
     assert " (undiscounted " in lines[-1]
-
-
-def test_advice_has_a_line_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
-    config = load_config(CONFIG, ["iterations=1", "episodes_per_iteration=2"])
-    (iteration,) = iterations(config)
-    with progress_bar(config.training) as show:
-        show(iteration, Advice("nothing moves", "a larger force"))
-    assert capsys.readouterr().err.splitlines()[-1] == "toy_nac: iteration 1: nothing moves; try a larger force"
 
 
 def test_the_remaining_time_follows_from_the_last_iterations() -> None:

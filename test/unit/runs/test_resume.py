@@ -98,23 +98,10 @@ def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path) -> 
     assert results(resumed(stopped(tmp_path / "run", 5, config), config)) == results(folder)
 
 
-def test_a_run_stopped_repeatedly_resumes_bit_identically(tmp_path: Path, whole: dict[str, object]) -> None:
-    folder = stopped(tmp_path / "run", 3)
-    for _ in range(2):
-        with pytest.raises(KeyboardInterrupt):
-            run_training(CONFIG, Stopping(3), folder, quiet=True, resume=True)
-    assert results(resumed(folder)) == whole
-
-
-@pytest.mark.parametrize("content", [b"damaged", None])
-def test_a_lost_best_policy_is_restored_from_the_checkpoint(
-    tmp_path: Path, whole: dict[str, object], content: bytes | None
-) -> None:
+def test_a_lost_best_policy_is_restored_from_the_checkpoint(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = stopped(tmp_path / "run", 4)
     best = folder / "best_policy.npz"
-    best.unlink()
-    if content is not None:
-        best.write_bytes(content)
+    best.write_bytes(b"damaged")
     assert results(resumed(folder)) == whole
 
 
@@ -386,15 +373,6 @@ def test_the_last_intact_checkpoint_survives_a_full_disk(
 def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", "file/below"), "file/below")
-
-
-def test_a_folder_that_cannot_be_written_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
-    stopped(tmp_path / "run", 5)
-    (tmp_path / "run" / "lock").unlink()
-    (tmp_path / "run" / "lock").mkdir()
-    before = contents(tmp_path / "run")
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), "run/lock")
-    assert contents(tmp_path / "run") == before
 
 
 def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:

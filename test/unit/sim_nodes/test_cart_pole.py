@@ -11,14 +11,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
 from rkhs_ros.app.inline import untuned_config
-from rkhs_ros.pictures.known import references
-from rkhs_ros.policies.storage import Task
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs.cart_pole import OBSERVATIONS, CartPole, from_upright
 
 ID = "rkhs/CartPoleSwingUp-v0"
-GENTLE = np.linspace(-0.4, 0.4, 60)  # N: the pole swings, but the motion is not chaotic
 
 
 class Frictionless(CartPole):
@@ -226,10 +223,3 @@ def test_the_bodies_are_where_the_state_is() -> None:
     axis = np.stack([2 * w * y, w**2 - y**2], axis=1)
     middle = motion.positions[:, 3][:, [0, 2]]
     np.testing.assert_allclose(middle + 0.25 * axis, tip[:, [0, 2]], atol=1e-12)
-
-
-def test_reference_returns_hold_for_the_default_returns_only() -> None:
-    assert references(Task(ID, {}, 60, 0.99))
-    assert references(Task(ID, {"observation": "wrapped"}, 60, 0.99))
-    assert not references(Task(ID, {}, 50, 0.99))
-    assert not references(Task(ID, {"reward_width": 0.6}, 60, 0.99))

@@ -451,6 +451,7 @@ def test_gymnasiums_checker_passes() -> None:
         check_env(gymnasium.make(TASK, render_mode="rgb_array").unwrapped)
 
 
+@pytest.mark.nightly
 def test_pictures_show_the_start_and_the_motion_whether_or_not_the_arm_can_reach(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

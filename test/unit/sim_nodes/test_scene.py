@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from sim_nodes.envs import TASKS
 from sim_nodes.envs.scene import BLUE, ORANGE, Body, Camera, matrices, quaternions
 
 DOOR = "rkhs/PR2Door-v0"
@@ -74,7 +73,7 @@ def test_a_view_contains_its_bounds_and_fills_the_picture() -> None:
     assert max(np.ptp(corners, axis=0) / [300, 200]) > 0.8
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", "rkhs/CartPoleSwingUp-v0"])
 def test_gymnasiums_wrappers_take_the_pictures_of_a_task(task: str, rng: np.random.Generator) -> None:
     env = gymnasium.make(task, render_mode="rgb_array")
     assert env.metadata["render_fps"] == max(round(1 / env.unwrapped.task.step_seconds), 5)

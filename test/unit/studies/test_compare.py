@@ -1,7 +1,6 @@
 import csv
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -215,18 +214,6 @@ def test_no_curve_is_clipped_or_hidden(tmp_path: Path, count: int, length: int) 
     assert not any(pixels(image, colour) > 100 for colour in COLOURS[count:] if colour != TEXT)
 
 
-def test_the_plot_width_does_not_depend_on_the_legend(tmp_path: Path) -> None:
-    narrow, wide = (picture(tmp_path / f"{k}.png", curve(3, label="x" * k)) for k in (2, 50))
-    assert wide.shape[1] > narrow.shape[1] + 200
-    plot = slice(0, 800)
-    np.testing.assert_array_equal(narrow[100:, plot], wide[100 : len(narrow), plot])
-
-
-def test_a_known_optimum_is_drawn(tmp_path: Path) -> None:
-    known, unknown = (picture(tmp_path / "c.png", curve(3), task=replace(TOY, discount=d)) for d in (0.99, 0.9))
-    assert pixels(known, "#595959") > 500 + pixels(unknown, "#595959")
-
-
 # The command
 
 
@@ -267,13 +254,6 @@ def test_the_terminal_table_shows_every_number_in_80_columns() -> None:
     numbers = re.findall(r"-?[\d.]+", markdown)
     assert sorted(re.findall(r"-?[\d.]+", printed)) == sorted(numbers)
     assert {"interquartile", "one", "[of]", "two"} <= set(printed.split())
-
-
-@pytest.mark.parametrize("name", ["c.pdf"])
-def test_other_formats_are_written_too(rkhs: Run, tmp_path: Path, name: str) -> None:
-    run_folder(tmp_path / "a", [1.0])
-    assert rkhs("compare", "a", "--out", name).code == 0
-    assert (tmp_path / name).read_bytes()[:5] in (b"%PDF-", b"<?xml")
 
 
 @pytest.mark.parametrize(

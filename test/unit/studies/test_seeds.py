@@ -108,12 +108,6 @@ def test_each_seed_gives_an_ordinary_run(rkhs: Run, tmp_path: Path) -> None:
     assert "mean of 3 runs, 95 % interval over the seeds" in out
 
 
-def test_the_default_folder_of_several_seeds_is_in_results(rkhs: Run, tmp_path: Path) -> None:
-    assert rkhs("train", CONFIG, *SHORT, "--seeds", "3", "--quiet", "--jobs", 1).code == 0
-    (folder,) = (tmp_path / "results" / "toy_nac").iterdir()
-    assert [path.name for path in folder.iterdir()] == ["seed_3"]
-
-
 def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: Path) -> None:
     whole = {path: results(path) for path in seed_folders(started_runs)}
     finished, unfinished, missing = seed_folders(started_runs)

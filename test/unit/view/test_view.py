@@ -134,10 +134,6 @@ def test_model_rollouts_start_from_real_states(model_update: Path) -> None:
     assert all((start == of_both).all(axis=1).any() for start in starts)
 
 
-def test_a_run_without_a_model_offers_no_model_rollouts(folder: Path) -> None:
-    assert Recorded(folder).load(4).roll_out_model is None
-
-
 def test_model_rollouts_can_be_selected(model_update: Path) -> None:
     source = Recorded(model_update)
     server = opened("127.0.0.1", 0)
