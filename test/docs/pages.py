@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import dropwhile, groupby
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,7 @@ def links(page: Path) -> Iterator[str]:
                 yield str(target)
 
 
+@cache
 def anchors(page: Path) -> set[str]:
     """Return the anchors of the headings of a page, as on GitHub and on the site."""
     tokens = MarkdownIt().parse(page.read_text())

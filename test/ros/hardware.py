@@ -22,10 +22,7 @@ SWING_S = 1.0  # between turns of one who commands to and fro
 AT_REST, IN_MOTION, TURNING = "at rest", "in motion", "at a turning point"
 MOMENTS = (AT_REST, IN_MOTION, TURNING)
 TREES: dict[str, dict[str, Any]] = {
-    "effort": {
-        "limits": {"minimum": [-3.0], "maximum": [3.0]},
-        "hold": {"stiffness": [4.0], "damping": [3.0]},
-    },
+    "effort": {"limits": {"minimum": [-3.0], "maximum": [3.0]}, "hold": {"stiffness": [4.0], "damping": [3.0]}},
     "velocity": {"limits": {"minimum": [-2.0], "maximum": [2.0], "acceleration": [5.0]}},
     "position": {"limits": {"minimum": [-50.0], "maximum": [50.0], "velocity": [2.0], "acceleration": [5.0]}},
 }

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from demo import EPISODES, WITHOUT_A_MODEL
 
 from rkhs_ros.runs.curve import Curve
@@ -13,6 +14,7 @@ from test.ros.conftest import ROOT
 OPTIMUM = 51.8
 
 
+@pytest.mark.ci
 def test_the_demo_learns_from_few_episodes_and_prints_the_returns(tmp_path: Path, domain: int) -> None:
     demo = subprocess.run(
         [sys.executable, ROOT / "docs" / "demo.py"], cwd=tmp_path, capture_output=True, text=True, timeout=250

@@ -53,7 +53,9 @@ gymnasium.register("Robot-v0", OpenOnce, max_episode_steps=20)
 """
 CONFIG = """
 simulator: {ros__parameters: {environment: {id: "one_robot:Robot-v0"}}}
-learner: {ros__parameters: {iterations: 3, episodes_per_iteration: 10, evaluation_episodes: 3, horizon: 20}}
+learner:
+  ros__parameters:
+    {iterations: 3, episodes_per_iteration: 10, evaluation_episodes: 3, horizon: 20, model: {form: none}}
 """
 
 

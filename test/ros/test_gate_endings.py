@@ -124,9 +124,7 @@ def test_the_gate_brakes_despite_repeated_failures(trial: Callable[[str], Trial]
     assert here.gate.finish()[0] != 0
 
 
-def test_the_gate_ignores_user_signals_and_exits_on_keyboard_signals(
-    trial: Callable[[str], Trial],
-) -> None:
+def test_the_gate_ignores_user_signals_and_exits_on_keyboard_signals(trial: Callable[[str], Trial]) -> None:
     here = trial("velocity")
     here.hardware.arm()
     here.hardware.at(IN_MOTION, lambda: None)

@@ -61,8 +61,7 @@ def armed_at_last(robot: Robot) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("reliability", "durability", "subscriptions"),
-    [(RELIABLE, LATCHED, 3), (BEST_EFFORT, VOLATILE, 1)],
+    ("reliability", "durability", "subscriptions"), [(RELIABLE, LATCHED, 3), (BEST_EFFORT, VOLATILE, 1)]
 )
 def test_each_request_stops_the_robot_once_even_if_it_is_withdrawn_before_the_gate_runs(
     begin: Begin, panel: Panel, reliability: ReliabilityPolicy, durability: DurabilityPolicy, subscriptions: int

@@ -5,16 +5,13 @@ import signal
 import socket
 from collections import defaultdict
 from collections.abc import Callable
-from io import StringIO
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rich.console import Console
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
-from rkhs_ros.nodes.watch.status_node import reasons
 from test.ros.conftest import ROOT, Probe, Process, nodes_of
 
 Start = Callable[..., Process]
@@ -99,10 +96,3 @@ def test_status_prints_the_nodes_and_an_error_without_nodes(
     code, out, err = start("rkhs", "status").finish()
     assert (code, out) == (1, "")
     assert err == "error: expected running nodes, got none within 3 s; pass the run's folder, or set ROS_DOMAIN_ID\n"
-
-
-def test_status_prints_a_refusal_literally() -> None:
-    refusal = KeyValue(key="last refusal", value="unknown kernel '[/red]'")
-    console = Console(width=250, record=True, file=StringIO())
-    console.print(*reasons({"/policy": DiagnosticStatus(level=DiagnosticStatus.OK, values=[refusal])}))
-    assert refusal.value in console.export_text()

@@ -9,7 +9,7 @@ from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.core.peers import CONNECTION_S
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S
 from rkhs_ros.runs.curve import Curve
-from test.ros.conftest import ROOT, Probe, Process
+from test.ros.conftest import Probe, Process
 
 Learner = Callable[..., Process]
 
@@ -86,7 +86,3 @@ def test_a_manually_started_learner_draws_figures_and_prints_next_steps(
     said, remedy = learner.told[-1], f"rkhs train --resume {folder}"
     assert (f"resume with: {remedy}" if interrupted else f"continue: {remedy}") in said
     assert ("interrupted after" in said) == interrupted
-
-
-def test_the_ros_executable_is_the_learner_that_draws_figures() -> None:
-    assert '"learner = rkhs_ros.app.learner:main"' in (ROOT / "setup.py").read_text()

@@ -28,10 +28,7 @@ def refusal(process: Process) -> str:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "reason"),
-    [
-        ("learner", None, "cannot read the parameter file: No such file"),
-    ],
+    ("name", "content", "reason"), [("learner", None, "cannot read the parameter file: No such file")]
 )
 def test_an_unreadable_parameter_file_is_refused_in_one_line(
     start: Start, tmp_path: Path, name: str, content: str | None, reason: str

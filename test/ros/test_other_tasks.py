@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from test.ros.conftest import ROOT, Process
+from test.ros.conftest import Process
 
 pytestmark = pytest.mark.nightly
 
@@ -34,26 +34,6 @@ def test_a_simulator_of_another_task_is_refused_by_name(
         f'got {environment} with options {{"angle": "{angle}"}}\n',
     )
     assert not (tmp_path / "out").exists()
-
-
-def test_a_resumed_run_refuses_another_task_and_is_unchanged(
-    start: Start, parameters: Parameters, tmp_path: Path
-) -> None:
-    folder = tmp_path / "out"
-    file = ROOT / "config" / "pendulum_nac.yaml"
-    small = ("iterations=3", "horizon=10")
-    run = start("rkhs", "train", file, "--quiet", "--runner", "inline", "--out", folder, "--set", *small)
-    assert run.finish()[0] == 0
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    other = parameters("pendulum_nac", *small, "iterations=4", "environment.options.angle=wrap")
-    start("simulator", "--ros-args", "--params-file", other)
-    start("policy")
-    go_on = ("-p", f"output:={folder}", "-p", "resume:=true", "-p", "quiet:=true")
-    code, _, err = start("learner", "--ros-args", "--params-file", other, *go_on).finish()
-    assert code == 2
-    assert "environment.options.angle: expected clip as at the start of the run, got wrap" in err
-    assert err.count("\n") == 1
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_a_learner_without_an_environment_uses_that_of_the_simulator(

@@ -267,19 +267,6 @@ def test_an_invalid_section_ends_the_node_with_one_line(
     assert len(err.splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [({"num_envs": 2}, "num_envs: expected 1"), ({"environment": "rkhs/Toy-v0"}, "task: expected slider")],
-)
-def test_requests_that_a_robot_cannot_serve_are_refused(
-    begin: Callable[..., Process], bench: Bench, changes: dict[str, object], words: str
-) -> None:
-    begin()
-    with pytest.raises(AssertionError, match=words):
-        bench.start(**changes)
-    assert not bench.commands
-
-
 def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Process], bench: Bench) -> None:
     process = begin()
     identity = bench.start(horizon=500)

@@ -22,11 +22,7 @@ def curve(folder: Path) -> list[dict[str, str]]:
 
 
 def assert_same_bits(
-    start: Start,
-    folder: Path,
-    arguments: tuple[object, ...],
-    iterations: int,
-    runner: str = "ros",
+    start: Start, folder: Path, arguments: tuple[object, ...], iterations: int, runner: str = "ros"
 ) -> dict[str, Any]:
     """Train over topics and in this process; return the arrays of the policy, which must be the same."""
     over_topics = start("rkhs", "train", *arguments, "--runner", runner, "--out", folder / "ros")
@@ -103,17 +99,3 @@ def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_
     config = ROOT / "config" / "pr2_door_contextual.yaml"
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
     assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3)
-
-
-@pytest.mark.nightly
-def test_parallel_runs_in_different_domains_are_isolated(
-    start: Start, tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config = ROOT / "config" / "toy_nac.yaml"
-    alone = start("rkhs", "train", config, *SHORT, "--out", tmp_path / "alone").finish()
-    first = start("rkhs", "train", config, *SHORT, "--out", tmp_path / "first")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))  # outside the range that tests take theirs from
-    second = start("rkhs", "train", config, *SHORT[:-1], 8, "--out", tmp_path / "second")
-    assert [alone[0], first.finish()[0], second.finish()[0]] == [0, 0, 0]
-    assert curve(tmp_path / "first") == curve(tmp_path / "alone")
-    assert curve(tmp_path / "second") != curve(tmp_path / "alone")

@@ -22,23 +22,6 @@ def test_markup_and_escapes_are_printed_as_text(text: str) -> None:
     assert len(shown.splitlines()) == 3  # headers, the node, its reason
 
 
-def test_a_run_fits_into_80_characters() -> None:
-    random, values = "1234567890123456789", dict.fromkeys(COLUMNS, "1000")
-    known = values | {"serving version": random, "batch": random}
-    nodes = {"/lab/learner": known, "/lab/policy": known, "/lab/simulator": known}
-    statuses = {
-        name: DiagnosticStatus(name=name, message="ok", values=[KeyValue(key=k, value=v) for k, v in known.items()])
-        for name, known in nodes.items()
-    }
-    out = StringIO()
-    Console(file=out, width=80).print(table(statuses))
-    words = out.getvalue().split()
-    assert set(nodes) <= set(words)
-    assert out.getvalue().splitlines()[0].split() == ["node", "state", *COLUMNS.values()]
-    assert words.count(random[-4:]) == 6
-    assert "…" not in out.getvalue()
-
-
 def printed(*parts: object, width: int = 80) -> list[str]:
     out = StringIO()
     Console(file=out, width=width).print(*parts, sep="\n")
@@ -84,9 +67,3 @@ def test_the_heading_states_the_progress_of_the_run() -> None:
     assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
     assert second == "return 1.5, evaluation 2.5"
     assert "".join(rest) == f"in {progress.folder}"
-
-
-def test_the_heading_has_no_return_before_the_first_iteration() -> None:
-    progress = LearningProgress(run="mine", folder="/results/mine", iterations=40, seconds_left=float("nan"))
-    lines = printed(heading(progress))
-    assert lines == ["mine: iteration 0 of 40, 0 episodes, 0 centres", "no return yet", "in /results/mine"]

@@ -83,17 +83,7 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
     (tmp_path / "still_life.py").write_text(SCRIPT)
     played = run(python, "still_life.py", cwd=tmp_path)
     assert played.returncode == 0, played.stderr
-    arguments = (
-        "train",
-        "--env",
-        "still_life:Still-v0",
-        "--runner",
-        "inline",
-        "--iterations",
-        2,
-        "--out",
-        "run",
-    )
+    arguments = ("train", "--env", "still_life:Still-v0", "--runner", "inline", "--iterations", 2, "--out", "run")
     learnt = run(rkhs, *arguments, "--quiet", cwd=tmp_path)
     assert learnt.returncode == 0, learnt.stderr
     assert (tmp_path / "run" / "policy.png").is_file()

@@ -59,6 +59,7 @@ def test_both_packages_are_found_in_a_workspace_and_in_the_repository(workspace:
     assert found(workspace / "src" / "rkhs") == PACKAGES
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not str(find_spec("rclpy").origin).startswith(sys.prefix), reason="all environments have this ROS")
 def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path: Path) -> None:
     """Another environment, without ROS, after this workspace was entered."""

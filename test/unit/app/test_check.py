@@ -10,7 +10,6 @@ import pytest
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.task_check import moves_away
-from test.unit.conftest import assert_refused
 
 Rkhs = Callable[..., Any]
 CONFIGS = Path(__file__).parents[3] / "config"
@@ -71,14 +70,6 @@ def test_a_number_comes_with_its_reason_and_the_last_line_follows_from_it(rkhs: 
     assert longer.endswith("the defaults will do\n")
 
 
-def test_another_pendulum_holds_its_actions(rkhs: Rkhs) -> None:
-    values = checked(rkhs, "Pendulum-v1", "--seed", 0)
-    assert values["action_repeat"].startswith("auto chooses 2: 0.")
-    assert values["angles"] == "none found"  # a cosine and a sine
-    assert values["reward"].startswith("-16")
-    assert values["last"] == "the defaults will do"
-
-
 def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> None:
     wrapped = "environment.options.angle=wrap"
     assert checked(rkhs, "rkhs/Pendulum-v0", "--set", wrapped)["angles"].startswith("0 ")
@@ -117,19 +108,6 @@ def test_a_cart_without_a_rail_and_a_reward(rkhs: Rkhs, tmp_path: Path, monkeypa
 def test_few_decisions_are_no_evidence_for_a_history(rkhs: Rkhs) -> None:
     values = checked(rkhs, "rkhs/Pendulum-v0", "--episodes", 1, "--set", "horizon=30")
     assert values["history"] == "not tested: 30 decisions of at least 100; raise --episodes"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nix-v0",), "unknown environment 'nix-v0'"),
-        (("rkhs/Pendulum-v0", "--episodes", 0), "--episodes: expected 1 to 100, got 0"),
-        (("CartPole-v1",), "CartPole-v1 actions: expected "),
-        ((CONFIGS / "robot_pendulum.yaml",), "expected an environment of this process, got a robot"),
-    ],
-)
-def test_bad_input_is_one_line(rkhs: Rkhs, arguments: tuple[object, ...], message: str) -> None:
-    assert_refused(rkhs("check", *arguments), message)
 
 
 def episodes_of(values: np.ndarray) -> Episodes:

@@ -21,7 +21,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
-SHORT_EPISODES = ("horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1")
+SHORT_EPISODES = ("horizon=3", "episodes_per_iteration=2", "evaluation_episodes=1", "model.form=none")
 SHORT = ("--runner", "inline", "--iterations", "2")
 
 
@@ -33,10 +33,6 @@ def policy_file(random_policy: Callable[..., GaussianPolicy], tmp_path: Path) ->
     path = tmp_path / "toy.npz"
     save_policy(path, random_policy(d=1, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
     return path
-
-
-def contents(folder: Path) -> dict[Path, bytes]:
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_list_shows_tasks_algorithms_and_kernels(rkhs: Run) -> None:
@@ -60,22 +56,6 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
     assert len((tmp_path / "run" / "curve.csv").read_text().splitlines()) == 1 + 2
 
 
-def test_evaluate_prints_the_evaluation_return(
-    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
-) -> None:
-    result = rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5)
-    assert (result.code, result.err) == (0, "")
-    values = json.loads(result.out)
-    assert {k: values[k] for k in ("environment", "episodes", "seed", "discount")} == {
-        "environment": "rkhs/Toy-v0",
-        "episodes": 7,
-        "seed": 5,
-        "discount": 0.9,
-    }
-    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 5).out) == values
-    assert json.loads(rkhs("evaluate", policy_file, "--episodes", 7, "--seed", 6).out)["mean"] != values["mean"]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -91,19 +71,6 @@ def test_evaluate_prints_the_evaluation_return(
 )
 def test_an_invalid_setting_gives_one_line(rkhs: Run, change: str, message: str) -> None:
     assert_refused(rkhs("train", CONFIG, *SHORT, "--quiet", "--set", change), message)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"a: [1\nb: }", "cannot be parsed (line 2, column 2, 'b: }': expected ',' or ']', but got ':')"),
-        (b"", "expected sections"),
-    ],
-)
-def test_an_invalid_configuration_gives_one_line(rkhs: Run, tmp_path: Path, content: bytes, message: str) -> None:
-    (tmp_path / "bad.yaml").write_bytes(content)
-    assert_refused(rkhs("train", "bad.yaml", *SHORT), message)
-    assert contents(tmp_path) == {tmp_path / "bad.yaml": content}
 
 
 def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
@@ -150,23 +117,6 @@ def test_the_best_policy_of_an_unfinished_run_is_evaluated_with_a_note(rkhs: Run
     assert unfinished.err.startswith("note: run: the run has not finished; using its best policy so far. Continue with")
 
 
-@pytest.mark.parametrize("out", ["used", "used/file/below"])
-def test_a_folder_in_use_is_not_changed(rkhs: Run, tmp_path: Path, out: str) -> None:
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "file").write_text("kept")
-    before = contents(tmp_path)
-    assert_refused(rkhs("train", CONFIG, *SHORT, "--out", tmp_path / out), "used")
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [("--episodes", "0"), ("--discount", "nan")],
-)
-def test_an_invalid_evaluation_gives_one_line(rkhs: Run, policy_file: Path, arguments: tuple[str]) -> None:
-    assert_refused(rkhs("evaluate", policy_file, *arguments), "expected")
-
-
 def test_a_separate_process_behaves_alike(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rkhs_ros.app.cli"]
     refused = subprocess.run(
@@ -177,8 +127,6 @@ def test_a_separate_process_behaves_alike(tmp_path: Path) -> None:
         check=False,
     )
     assert_refused(Result(refused.returncode, refused.stdout, refused.stderr), "Taxi-v4 actions: expected a continuous")
-    listed = subprocess.run([*command, "list"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "rkhs/Pendulum-v0" in listed.stdout
     assert list(tmp_path.iterdir()) == []
 
 
@@ -296,11 +244,6 @@ def test_topics_without_interfaces_are_rejected_with_a_hint(rkhs: Run, tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_simulate_needs_a_known_task(rkhs: Run) -> None:
-    assert_refused(rkhs("simulate"), "simulate: expected either CONFIG or --env ID, got none")
-    assert_refused(rkhs("simulate", "--env", "rkhs/Pendulm-v0"), "did you mean 'rkhs/Pendulum-v0'?")
-
-
 def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin=f"/ws/lib/python3.4/{name}.py"))
     expected = r"rkhs_interfaces is built for Python 3.4, not 3."
@@ -318,13 +261,6 @@ def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.Monkey
     assert launched["nodes"] == {"composed": True}
 
 
-def test_a_robot_cannot_be_composed(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
-    robot = CONFIG.with_name("robot_pendulum.yaml")
-    message = "--runner composed: expected a simulator, got a robot"
-    assert_refused(rkhs("train", robot, "--runner", "composed", "--out", "run"), message)
-
-
 # Pictures and evaluation of a policy
 
 
@@ -336,13 +272,6 @@ def test_plot_redraws_the_pictures_of_a_run(rkhs: Run, tmp_path: Path) -> None:
         path.unlink()
     assert rkhs("plot", "run") == (0, "run/curve.png\nrun/policy.png\n", "")
     assert {path: path.read_bytes() for path in drawn} == drawn
-
-
-def test_evaluate_accepts_the_folder_of_a_run(rkhs: Run, policy_file: Path, tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    assert_refused(rkhs("evaluate", "run"), "run: expected the folder of a run, got none with a config.yaml\n")
-    policy_file.rename(tmp_path / "run" / "policy.npz")
-    assert rkhs("evaluate", "run", "--episodes", 3) == rkhs("evaluate", "run/policy.npz", "--episodes", 3)
 
 
 def test_evaluate_measures_with_and_without_discount(
@@ -367,15 +296,6 @@ def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
 
 def test_a_path_that_is_not_utf_8_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
     assert_refused(rkhs("train", "a\udcffb"), r"argument: expected text in UTF-8, got 'a\udcffb'")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_option_that_is_no_ros_parameter_is_rejected_before_a_folder_is_created(
-    rkhs: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
-    arguments = ("train", "--env", "Pendulum-v1", "--quiet", "--set", "environment.options={render_mode: null}")
-    assert_refused(rkhs(*arguments), "environment.options.render_mode: expected true or false, a 64-bit")
     assert list(tmp_path.iterdir()) == []
 
 

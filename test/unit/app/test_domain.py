@@ -29,13 +29,6 @@ def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) ->
             domain_of(folder)
 
 
-def test_an_empty_domain_is_restored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "")
-    with reserved_domain(tmp_path):
-        assert os.environ[VARIABLE] == domain_of(tmp_path) != ""
-    assert os.environ[VARIABLE] == ""
-
-
 def test_a_rejected_run_preserves_the_domain_of_the_active_one(tmp_path: Path) -> None:
     with reserved_domain(tmp_path):
         domain = domain_of(tmp_path)

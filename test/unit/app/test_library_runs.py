@@ -75,20 +75,6 @@ def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
     assert without_times(ours) == [tuple(f"{e}" for e in r[:-1]) for r in rkhs_ros.train("rkhs/Toy-v0", **SHORT).rows]
 
 
-def test_commands_work_on_a_run_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "run"
-    rkhs_ros.train("rkhs/Toy-v0", out=folder, **SHORT)
-    assert command("plot", folder) == command("replay", folder) == 0
-    assert command("compare", folder, "--out", tmp_path / "c.png") == 0
-    assert str(rkhs_ros.compare(folder)) in capsys.readouterr().out
-    assert command("evaluate", folder, "--episodes", "2") == 0
-    evaluation = rkhs_ros.evaluate(folder, episodes=2)
-    assert f'"mean": {evaluation.discounted_return}' in (printed := capsys.readouterr().out)
-    assert f'"mean": {evaluation.undiscounted_return}' in printed
-    assert command("train", "--resume", folder, "--iterations", "4", "--runner", "inline", "--quiet") == 0
-    assert len(Curve(folder / "curve.csv").rows()) == 4
-
-
 @pytest.mark.parametrize("source", ["rkhs/Toy-v0", Slide()], ids=["id", "instance"])
 def test_a_run_that_a_callback_stops_resumes_bit_identically(source: Any, tmp_path: Path) -> None:
     whole = rkhs_ros.train(source, out=tmp_path / "whole", **SHORT)
@@ -161,23 +147,6 @@ def test_of_two_loops_in_one_folder_the_second_changes_nothing(tmp_path: Path) -
         next(without)
     for name, content in files.items():
         assert (tmp_path / "run" / name).read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"resume": True}, r"^resume: expected out=FOLDER as well, got none$"),
-        ({"out": 3}, r"^out: expected a folder, got 3$"),
-        ({"out": "unused", "kernel": rkhs_ros.RBF((1.0,))}, r"^kernel: expected a text or a KernelChoice, .* got RBF"),
-    ],
-)
-def test_errors_of_the_folder(
-    settings: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=message):
-        rkhs_ros.train("rkhs/Toy-v0", **SHORT | settings)
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from test.unit.rollouts.test_custom_environment import MODULE
 
 Rkhs = Callable[..., Result]
 INLINE = ("--runner", "inline", "--quiet")
-SHORT = ("episodes_per_iteration=2", "evaluation_episodes=1", "horizon=3", "discount=0.9")
+SHORT = ("model.form=none", "episodes_per_iteration=2", "evaluation_episodes=1", "horizon=3", "discount=0.9")
 NAME = "theirs:Slide-v0"
 REFUSAL = (
     f"unknown environment '{NAME}': expected an importable module 'theirs', got ModuleNotFoundError: No module named "
@@ -46,13 +46,7 @@ def foreign_run(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        ("evaluate", "run/policy.npz"),
-        ("imitate", "run"),
-        ("train", "--resume", "run", *INLINE),
-    ],
-    ids=" ".join,
+    "command", [("evaluate", "run/policy.npz"), ("imitate", "run"), ("train", "--resume", "run", *INLINE)], ids=" ".join
 )
 @pytest.mark.usefixtures("foreign_run")
 def test_a_file_does_not_import_from_the_current_folder_and_the_error_names_the_option_that_does(

@@ -86,8 +86,7 @@ def test_valid_ros_parameters_are_accepted(value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "value",
-    [None, 2**63, math.nan, "a\0", "\udcff", [], [1, 0.5], {"a": {"b": None}}, {"a.b": 1}],
+    "value", [None, 2**63, math.nan, "a\0", "\udcff", [], [1, 0.5], {"a": {"b": None}}, {"a.b": 1}]
 )
 def test_invalid_ros_parameters_are_rejected_by_name(value: object) -> None:
     with pytest.raises(ValueError, match=r"^x(\.a\.b)?: expected"):

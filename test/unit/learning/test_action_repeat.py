@@ -24,7 +24,7 @@ from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import train, with_action_repeat
-from rkhs_ros.learning.training_settings import AUTO, Training, training_from
+from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message
@@ -172,17 +172,6 @@ def alone_exploration(policy: GaussianPolicy, batch: Batch) -> Array:
     return replace(policy, action_repeat=1).exploration(replace(batch, horizon=policy.decisions(batch.horizon)))
 
 
-def test_a_repeated_step_returns_the_same_actions() -> None:
-    policy, batch = make_policy(3, 2), Batch(1, 0, 2, 9, explore=True)
-    acting, points = Acting(policy, batch, explore=True), np.random.default_rng(1).normal(size=(9, 2, 2))
-    actions = []
-    for t in range(9):
-        actions.append(acting(t, points[t]))
-        assert np.array_equal(acting(t, points[t]), actions[-1])
-    once = Acting(policy, batch, explore=True)
-    assert all(np.array_equal(once(t, points[t]), actions[t]) for t in range(9))
-
-
 @pytest.mark.parametrize(("repeat", "history"), [(3, 1), (1, 2), (4, 3)])
 def test_a_loaded_policy_acts_like_the_evaluated_one(repeat: int, history: int) -> None:
     gaussian = make_policy(repeat, history)
@@ -209,14 +198,6 @@ def test_files_and_messages_keep_the_action_repeat() -> None:
     message.action_repeat = 0
     with pytest.raises(ValueError, match="action_repeat: expected 1 to 1000, got 0"):
         policy_of_message(message)
-
-
-@pytest.mark.parametrize("value", [1001, "x"])
-def test_a_setting_of_the_action_repeat_is_checked(value: Any) -> None:
-    with pytest.raises(ValueError, match=r"^action_repeat: [^\n]+$"):
-        training_from({"action_repeat": value})
-    assert training_from({"action_repeat": 7}).action_repeat == 7
-    assert training_from({"action_repeat": AUTO}).action_repeat == AUTO
 
 
 def waves(frequency: float, horizon: int = 3000) -> Array:

@@ -57,11 +57,3 @@ def test_products_take_precedence_over_sums_in_a_form() -> None:
     choice = KernelChoice("rbf + polynomial*rbf", bandwidth=(1.0,), offset=0.5, degree=2)
     rbf, polynomial = RBF((1.0,)), Polynomial(0.5, 2)
     assert choice.fit(np.zeros((3, 2))) == rbf + polynomial * rbf
-
-
-@pytest.mark.parametrize(
-    ("form", "message"),
-)
-def test_a_form_with_an_unknown_kernel_is_rejected(form: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        KernelChoice(form)

@@ -12,13 +12,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.regression import ridge_regression
 
 
-@given(
-    n=st.integers(1, 30),
-    p=st.integers(1, 8),
-    k=st.integers(1, 3),
-    weighted=st.booleans(),
-    seed=st.integers(0, 999),
-)
+@given(n=st.integers(1, 30), p=st.integers(1, 8), k=st.integers(1, 3), weighted=st.booleans(), seed=st.integers(0, 999))
 def test_ridge_regression_is_least_squares_on_the_augmented_system(
     n: int, p: int, k: int, weighted: bool, seed: int
 ) -> None:
@@ -54,10 +48,7 @@ def test_score_features_are_coordinates_of_the_score(
 
 @pytest.mark.parametrize("block_rows", [1, 8, 20, 1000])
 def test_trajectory_features_by_blocks_are_bit_identical(
-    policy: GaussianPolicy,
-    random_episodes: Callable[..., Episodes],
-    monkeypatch: pytest.MonkeyPatch,
-    block_rows: int,
+    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], monkeypatch: pytest.MonkeyPatch, block_rows: int
 ) -> None:
     samples = Samples.in_newton_basis(policy, random_episodes(policy, 9, 4, masked=True), centres=5)
     monkeypatch.setattr("rkhs_ros.learning.samples.BLOCK_ROWS", block_rows)

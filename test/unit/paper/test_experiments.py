@@ -8,7 +8,6 @@ import pytest
 
 from rkhs_ros.app.cli import main
 from rkhs_ros.app.study import make_missing
-from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment, styles_of
@@ -16,7 +15,6 @@ from rkhs_ros.paper.reproduce import load_table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
-from rkhs_ros.runs.curve import Curve as LearningCurve
 from rkhs_ros.studies.workers import Workers
 
 ROOT = Path(__file__).parents[3]
@@ -101,28 +99,6 @@ def test_a_damaged_curve_is_written_again(experiment: Experiment, tmp_path: Path
     for left in (curve.read_bytes()[:-9], b"\xff\n"):
         curve.write_bytes(left)
         assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_resumes_from_its_checkpoint(experiment: Experiment, tmp_path: Path, table: Path) -> None:
-    whole = table.read_bytes()
-    curve = LearningCurve(min((tmp_path / "runs").iterdir()) / "curve.csv")
-    first, *_ = curve.rows()
-    curve.begin([first])
-    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-    assert str(curve.rows()[0]) == str(first)  # including its seconds
-
-
-@pytest.mark.slow
-def test_failed_runs_are_reported_after_the_others_finish(experiment: Experiment, tmp_path: Path, table: Path) -> None:
-    whole = table.read_bytes()
-    bad = min((tmp_path / "runs").iterdir())
-    shutil.rmtree(bad)
-    bad.write_text("in the way")
-    with pytest.raises(RunError, match=rf"{bad}: \w+: .*1 of 3 runs failed; run the same command to continue"):
-        make_table(experiment, tmp_path, runs=1)
-    bad.unlink()
-    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
 
 
 @pytest.mark.slow

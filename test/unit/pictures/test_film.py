@@ -110,9 +110,9 @@ def test_the_film_shows_what_the_environment_renders_in_the_evaluation_episode(
 
 def test_the_film_of_a_motion_within_a_step_has_its_pictures(random_policy: Make) -> None:
     pytest.importorskip("pybullet", reason="PyBullet is not installed")
-    shot = film(random_policy(d=3, n=2), Task("rkhs/PR2Door-v0", {}, 1, 0.99), frames=4)
-    assert shot.pictures.shape == (4, 360, 480, 3)
-    assert len({picture.tobytes() for picture in shot.pictures}) == 4
+    shot = film(random_policy(d=3, n=2), Task("rkhs/PR2Door-v0", {}, 1, 0.99), frames=2)
+    assert shot.pictures.shape == (2, 360, 480, 3)
+    assert len({picture.tobytes() for picture in shot.pictures}) == 2
     assert (shot.captions[0], shot.captions[-1]) == ("0.0 s", "5.8 s")
 
 
@@ -214,29 +214,6 @@ def test_render_writes_beside_the_policy_or_into_a_given_folder(rkhs: Run, tmp_p
     rkhs("render", "run/policy.npz", "--frames", 9, "--out", "again")
     for name in ("film.png", "film.gif"):
         assert Path("again", name).read_bytes() == Path("run", name).read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--frames", 201), "frames: expected 2 to 200, got 201"),
-    ],
-)
-def test_options_out_of_range_are_rejected_with_one_line(
-    rkhs: Run, arguments: tuple[object, ...], message: str
-) -> None:
-    save_policy(Path("toy.npz"), constant(0.4), TOY)
-    assert_refused(rkhs("render", "toy.npz", *arguments), message)
-    assert [path.name for path in Path().iterdir()] == ["toy.npz"]
-
-
-def test_missing_damaged_and_unsuitable_policies_are_rejected_with_one_line(rkhs: Run, random_policy: Make) -> None:
-    assert_refused(rkhs("render", "none.npz"), "none.npz")
-    Path("bad.npz").write_bytes(b"PK\x03\x04 no archive")
-    assert_refused(rkhs("render", "bad.npz"), "bad.npz: expected a complete policy file")
-    save_policy(Path("wide.npz"), random_policy(d=3, n=1), TOY)
-    assert_refused(rkhs("render", "wide.npz"), "expected a policy from 1 to 1 dimensions for rkhs/Toy-v0")
-    assert sorted(path.name for path in Path().iterdir()) == ["bad.npz", "wide.npz"]
 
 
 @pytest.mark.parametrize(

@@ -50,19 +50,6 @@ def test_the_kinds_of_a_batch_cover_its_environments(batch: Batch) -> None:
     assert np.concatenate(draws).tobytes() == batch.exploration(2).tobytes()
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"num_evaluation": 4}, "num_evaluation: expected at most 3 episodes, got 4"),
-        ({"explore": False, "num_evaluation": 1}, "num_evaluation: expected at most 0 episodes, got 1"),
-        ({"num_evaluation": 1, "first_evaluation": 2**63}, f"first_evaluation: expected 0 to {2**63 - 1}, got {2**63}"),
-    ],
-)
-def test_invalid_numbers_of_evaluation_episodes_are_rejected(changes: dict[str, int], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Batch(**({"seed": 0, "first_episode": 0, "num_envs": 4, "horizon": 5, "explore": True} | changes))  # type: ignore[arg-type]
-
-
 def test_streams_have_stable_names() -> None:
     # Replaying a recording needs the same names, because other names draw other actions.
     exploring, num_evaluation = Batch(5, 10, 2, 3, explore=True), Batch(5, 7, 2, 3, explore=False)

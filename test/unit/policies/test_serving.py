@@ -10,16 +10,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, precondition, rul
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.serving import (
-    Answer,
-    BatchOver,
-    Failed,
-    Ignored,
-    Observation,
-    Reply,
-    ServedPolicy,
-    Session,
-)
+from rkhs_ros.policies.serving import Answer, BatchOver, Failed, Ignored, Observation, Reply, ServedPolicy, Session
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -132,7 +123,7 @@ class AnyOrder(RuleBasedStateMachine):
         np.testing.assert_array_equal(reply.actions, acted(served, identity, observation.batch, step))
 
 
-AnyOrder.TestCase.settings = settings(max_examples=100, stateful_step_count=40)
+AnyOrder.TestCase.settings = settings(max_examples=30, stateful_step_count=40)
 TestAnyOrder = AnyOrder.TestCase
 
 BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)

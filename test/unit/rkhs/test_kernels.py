@@ -190,10 +190,7 @@ def test_a_small_spread_around_a_large_value_is_preserved_in_any_units(size: flo
     assert median_bandwidth(size * (1.0 + part * noise))[0] == pytest.approx(expected, rel=1e-6)
 
 
-@given(
-    arrays(np.float64, st.tuples(st.integers(1, 12), st.integers(1, 3)), elements=numbers),
-    st.integers(0, 99),
-)
+@given(arrays(np.float64, st.tuples(st.integers(1, 12), st.integers(1, 3)), elements=numbers), st.integers(0, 99))
 def test_spreads_are_standard_deviations_and_weights_act_as_repeats(x: np.ndarray, seed: int) -> None:
     times = np.random.default_rng(seed).integers(1, 4, len(x))
     np.testing.assert_allclose(spreads(x), x.std(axis=0), atol=1e-12)

@@ -132,11 +132,7 @@ def test_the_reward_is_the_sum_of_function_and_topic() -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [
-        ("broken", "ZeroDivisionError: by nothing"),
-        ("spoilt", "finite"),
-        ("beyond", "expected a number, got 1000"),
-    ],
+    [("broken", "ZeroDivisionError: by nothing"), ("spoilt", "finite"), ("beyond", "expected a number, got 1000")],
 )
 def test_a_failing_reward_is_reported_and_cannot_edit_our_arrays(name: str, message: str) -> None:
     rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
@@ -154,9 +150,7 @@ def test_an_end_that_is_not_a_boolean_is_reported(name: str, message: str) -> No
         rules.is_terminal(ones, ones, ones)
 
 
-def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rkhs_ros.robot.rules.ANSWER_TIMEOUT_S", 0.05)
     rules, ones, alarms = Rules.of(Reward(function=f"{HERE}:hangs"), End()), np.ones(2), []
     handler = signal.signal(signal.SIGALRM, lambda number, frame: alarms.append(number))

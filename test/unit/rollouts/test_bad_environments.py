@@ -66,9 +66,7 @@ def test_infinite_bounds_of_observations_are_accepted(rkhs: Callable[..., Result
     assert rkhs(*ARGUMENTS, "environment.options.fault=infinite bounds").code == 0
 
 
-def test_an_infinite_action_is_reported_with_environment_and_step(
-    random_policy: Callable[..., GaussianPolicy],
-) -> None:
+def test_an_infinite_action_is_reported_with_environment_and_step(random_policy: Callable[..., GaussianPolicy]) -> None:
     policy = random_policy(d=1, n=1)
     loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
     runner, message = (

@@ -223,8 +223,7 @@ def test_a_module_in_the_folder_is_imported(tmp_path: Path, monkeypatch: pytest.
         spec_of("still_life:Stil-v0")
     (tmp_path / "broken_life.py").write_text("import nothing_such")
     with pytest.raises(
-        ValueError,
-        match=r"expected an importable module 'broken_life', got ModuleNotFoundError: No module",
+        ValueError, match=r"expected an importable module 'broken_life', got ModuleNotFoundError: No module"
     ):
         Simulation("broken_life:Still-v0")
 
@@ -273,14 +272,3 @@ def test_an_environment_with_an_old_generator_gets_32_bits_of_the_seed(policy: G
     one, again = (InlineRunner(Simulation(OldGenerator)).collect(policy, batch) for _ in range(2))
     assert np.array_equal(one.observations, again.observations)
     assert (one.observations[0, 0] != one.observations[1, 0]).all()
-
-
-def test_an_environment_that_rejects_a_small_seed_fails() -> None:
-    class Refusing(OldGenerator):
-        def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-            raise ValueError("no seed is good enough")
-
-    envs = env_batch_of(Refusing, None, 1)
-    for seed in (7, 2**40):
-        with pytest.raises(Exception, match="no seed is good enough"):
-            envs.reset([seed], 3)

@@ -7,7 +7,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import rkhs_ros
 import sim_nodes.envs  # noqa: F401  # registers the task
 from rkhs_ros.learning.diagnosis import SIGNS, Advice
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -50,16 +49,3 @@ def test_a_callback_replaces_the_printed_advice(tmp_path: Path, capsys: pytest.C
     run_training(CONFIG, runner(), tmp_path / "run", on_advice=given.append)
     assert given == [CONSTANT]
     assert str(CONSTANT) not in capsys.readouterr().err
-
-
-def test_a_run_that_learns_has_no_advice(tmp_path: Path) -> None:
-    folder = run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
-    assert advice_in(folder) == []
-    assert not (folder / "advice.txt").exists()
-
-
-@pytest.mark.parametrize("progress", [True, False])
-def test_the_library_shows_advice_with_the_progress(capsys: pytest.CaptureFixture[str], progress: bool) -> None:
-    settings = {"iterations": 3, "evaluation_episodes": 1, "horizon": 4, "model": "none", "episodes_per_iteration": 2}
-    rkhs_ros.train(silent, progress=progress, **settings)  # type: ignore[arg-type]
-    assert (str(CONSTANT) in capsys.readouterr().err) is progress

@@ -231,12 +231,6 @@ def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     assert "\n" not in str(refusal.value)
 
 
-def test_a_removed_option_is_rejected(folder: Path, states: list[State]) -> None:
-    write(folder, states[2], replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": [1, {"a": 2.5}]})))
-    with pytest.raises(ValueError, match=r"environment\.options\.start: expected .* got no such setting"):
-        read_checkpoint(folder, CONFIG)
-
-
 def test_settings_without_effect_on_results_may_differ(folder: Path, states: list[State]) -> None:
     write(folder, states[3])
     assert found_in(folder, changed(iterations=5, timeout=1.0)).state.iterations == 4

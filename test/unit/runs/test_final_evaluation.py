@@ -58,9 +58,7 @@ def test_the_mean_decides_and_the_line_shows_both_with_their_standard_errors() -
     assert str(FinalEvaluation(low, low)) == "best policy, which is the last one, 2 \u00b1 0.41 in 4 fresh episodes"
 
 
-def test_the_better_policy_is_kept_and_a_longer_run_continues_as_if_nothing_had_been_decided(
-    tmp_path: Path,
-) -> None:
+def test_the_better_policy_is_kept_and_a_longer_run_continues_as_if_nothing_had_been_decided(tmp_path: Path) -> None:
     seed = next(s for s in range(9) if _last_wins(run(tmp_path / f"{s}", seed=s)))  # against the choice by bounds
     short, whole = tmp_path / "short", tmp_path / "whole"
     run(short, seed=seed)

@@ -24,7 +24,7 @@ from test.unit.conftest import model_free
 
 WRAP = {"angle": "wrap"}
 CHANGES = (
-    *("iterations=3", "episodes_per_iteration=2", "evaluation_episodes=1", "horizon=200", "action_repeat=auto"),
+    *("iterations=2", "episodes_per_iteration=2", "evaluation_episodes=1", "horizon=200", "action_repeat=auto"),
     *("algorithm.centres=10", "model={form: gaussian_process, discovery: all, updates: 2, rollouts: 5, centres: 20}"),
 )
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.execution import Record, discard
 from rkhs_ros.learning.training import train
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -84,29 +83,6 @@ def test_a_run_writes_its_curve_and_policy(
     assert task == CONFIG.task
     saved, learnt = arrays_of(policy), arrays_of(iterations[-1].policy)
     assert all(saved[name].tobytes() == learnt[name].tobytes() for name in learnt)
-
-
-def test_an_interrupted_run_saves_its_policy(tmp_path: Path, runner: InlineRunner) -> None:
-    class Interrupted:
-        spaces = runner.spaces
-        record: Record = staticmethod(discard)
-        batches = 0
-
-        def capacity(self, num_envs: int) -> int:
-            return num_envs
-
-        def collect(self, *arguments: Any) -> Any:
-            self.batches += 1
-            if self.batches == 3:  # the second evaluation
-                raise KeyboardInterrupt
-            return runner.collect(*arguments)
-
-    with pytest.raises(KeyboardInterrupt):
-        run_training(CONFIG, Interrupted(), tmp_path / "run", quiet=True)
-    assert len(rows_of(tmp_path / "run")) == 1
-    policy, _ = load_policy(tmp_path / "run" / "policy.npz")
-    first = next(iter(train(TRAINING, runner)))
-    assert np.array_equal(policy.mean.weights, first.policy.mean.weights)
 
 
 def test_drawing_without_episodes_raises(

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from importlib.machinery import ModuleSpec
 from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.app.commands import train
-from rkhs_ros.base import ros
 from rkhs_ros.base.lock import locked
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import unpacked
@@ -222,13 +219,7 @@ def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) ->
         assert curve.path.read_bytes() == b"".join(whole.splitlines(keepends=True)[: min(len(rows), 2) + 1])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
-        (b"\r\n2,6,", b"\r\n2,6,0.0,", 3),
-        (b"\r\n3,", b"\r\n\xff,", 4),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "line"), [(b"\r\n2,6,", b"\r\n2,6,0.0,", 3), (b"\r\n3,", b"\r\n\xff,", 4)])
 def test_a_damaged_line_of_a_curve_is_named(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
     curve = Curve(tmp_path / "curve.csv")
     curve.begin(ROWS)
@@ -264,33 +255,6 @@ def test_a_run_resumes_with_other_versions_and_records_them(
     assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
     assert rkhs("replay", "run", "--quiet").out == "all 5 updates are bit-identical\n"
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
-
-
-def test_a_second_error_does_not_hide_the_first(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="first"):
-        run_training(CONFIG, Blocking(tmp_path / "run" / "policy.npz"), tmp_path / "run", quiet=True)
-    (tmp_path / "run" / "policy.npz").rmdir()
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {
-        "best_policy.npz",
-        "checkpoint.npz",
-        "config.yaml",
-        "curve.csv",
-        "lock",
-        "recording.mcap",
-    }
-
-
-class Blocking(Stopping):
-    """Runner that creates a folder at the path of a file in the third iteration, and raises."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(4, RuntimeError("first"))
-        self._path = path
-
-    def collect(self, *arguments: Any) -> Any:
-        if self._batches == 0:
-            self._path.mkdir()
-        return super().collect(*arguments)
 
 
 def test_results_that_cannot_be_written_are_reported(tmp_path: Path, whole: dict[str, object]) -> None:
@@ -370,11 +334,6 @@ def test_the_last_intact_checkpoint_survives_a_full_disk(
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-def test_a_folder_that_cannot_be_created_gives_one_line(rkhs: Cli, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert_refused(rkhs("train", CONFIG_FILE, *INLINE, "--out", "file/below"), "file/below")
-
-
 def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:
     stopped(tmp_path / "run", 5)
     code, out, err = rkhs("train", "--resume", "run", *INLINE)
@@ -401,26 +360,6 @@ def test_an_invalid_resume_gives_one_line(
     before = contents(stopped(tmp_path / "run", 5))
     assert_refused(rkhs("train", *INLINE, *arguments), message)
     assert contents(tmp_path) == before
-
-
-def test_over_topics_the_learner_resumes(rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = stopped(tmp_path / "run", 5)
-    received: list[Any] = []
-
-    def launched(*arguments: Any, **keywords: Any) -> int:
-        received.extend([*arguments, keywords])
-        return 0
-
-    monkeypatch.setattr(train, "launch", launched)
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))  # as if built
-    assert rkhs("train", "--resume", "run", "--runner", "ros", "--quiet")[0] == 0
-    parameters, more, keywords = received
-    (tmp_path / "given.yaml").write_text(parameters)
-    assert load_config(tmp_path / "given.yaml") == longer(4)
-    learner = {"output": str(folder), "quiet": True, "resume": True}
-    learner["tensorboard"] = False
-    assert more == {"learner": learner}
-    assert keywords == {"composed": False}
 
 
 def test_a_folder_is_locked_during_a_run_only(rkhs: Cli, tmp_path: Path) -> None:

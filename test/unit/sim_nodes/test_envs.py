@@ -195,16 +195,3 @@ def test_a_truncated_environment_is_reset_at_the_next_step() -> None:
     assert np.array_equal(observations, np.zeros((2, 1)))
     assert not np.any([rewards, terminations, truncations])
     assert task.step(np.ones((2, 1)))[0].min() > 0.0
-
-
-def test_returned_arrays_do_not_change_with_the_next_step() -> None:
-    task = Pendulum(2)
-    kept = task.reset(seed=0)[0]
-    before = kept.copy()
-    task.step(np.ones((2, 1)))
-    assert np.array_equal(kept, before)
-
-
-def test_a_wrong_number_of_seeds_is_refused() -> None:
-    with pytest.raises(ValueError, match="seeds: expected 3, one for each environment, got 2"):
-        Toy(3).reset(seed=[1, 2])

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.base.settings import build
 from sim_nodes.robots.arm import CENTRE, EXTENT, HOME, PERIOD_S, ArmRobot, ArmSettings, first_phase, mark_at
 from sim_nodes.robots.drives import BANDWIDTH, BRAKE, KINDS, DriveLimits, Drives, JointCommand, SetPoints
 from sim_nodes.robots.hardware import Hardware
@@ -138,11 +137,6 @@ def test_the_marks_start_follows_from_seed_and_episode() -> None:
     assert phases == [first_phase(0, episode) for episode in range(100)]
     assert len({*phases, *(first_phase(1, episode) for episode in range(100))}) == 200
     assert min(phases) < 0.1 < 0.9 < max(phases)
-
-
-def test_limits_are_common_or_per_joint() -> None:
-    with pytest.raises(ValueError, match=r"limits.step: expected 1 or 7 numbers, got"):
-        build(ArmSettings, {"limits": {"step": [0.1] * 6}})
 
 
 @pytest.fixture

@@ -106,12 +106,7 @@ def test_the_motors_noise_equals_that_of_the_papers_task() -> None:
 
 
 LIMITS = MotorLimits(torque=2.0, torque_step=1.0, velocity=3.0)
-BAD = {
-    "malformed": [],
-    "non_finite": [math.nan],
-    "torque": [2.1],
-    "torque_step": [1.1],
-}
+BAD = {"malformed": [], "non_finite": [math.nan], "torque": [2.1], "torque_step": [1.1]}
 
 
 @pytest.mark.parametrize(("kind", "command"), [*BAD.items(), ("malformed", [0.1, 0.1]), ("non_finite", [-math.inf])])
@@ -244,18 +239,6 @@ def test_a_command_timeout_stops_the_robot(timeout: float, violations: int) -> N
     assert hardware.report()["command_timeout"] == violations
     assert hardware.robot.state.is_driven == (not violations)
     assert hardware.since_command == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"sensor_rate": 1000.0}, "sensor_rate: expected at most the rate, 500, got 1000"),
-        ({"limits": {"torqe": 2.0}}, r"unknown key 'limits.torqe', did you mean 'limits.torque'"),
-    ],
-)
-def test_invalid_settings_of_robots_are_refused(values: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        settings_of("motor_pendulum", values)
 
 
 KINDS_OF = {"motor_pendulum": KINDS, "arm": drives.KINDS}

@@ -1,14 +1,11 @@
 import csv
-import re
 from collections.abc import Callable, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from rich.console import Console
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Row
@@ -19,8 +16,8 @@ from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
-from rkhs_ros.studies.comparison import Comparison, LearningCurve, as_markdown, as_table, compare
-from test.unit.conftest import Result, assert_refused, model_free
+from rkhs_ros.studies.comparison import Comparison, LearningCurve, as_markdown, compare
+from test.unit.conftest import Result, model_free
 
 pytestmark = pytest.mark.slow
 
@@ -112,12 +109,6 @@ def test_runs_that_differ_only_in_seed_and_name_form_one_curve(tmp_path: Path) -
     np.testing.assert_array_equal(nac.returns, [[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]])
     np.testing.assert_array_equal(nac.episodes, [10.0, 20.0])
     np.testing.assert_array_equal(power.returns, [[5.0, 6.0]])
-
-
-def test_a_run_named_twice_counts_once(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "all" / "a", [1.0])
-    (only,) = compare([tmp_path / "all", folder, tmp_path / "all" / ".." / "all"]).curves
-    assert only.returns.shape == (1, 1)
 
 
 def test_curves_of_one_algorithm_are_named_by_their_folders(tmp_path: Path) -> None:
@@ -243,29 +234,3 @@ def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, t
     again = (tmp_path / "made" / "here.png").read_bytes()
     rkhs("compare", "a", "b|b", "--out", "made/here.png")
     assert (tmp_path / "made" / "here.png").read_bytes() == again
-
-
-def test_the_terminal_table_shows_every_number_in_80_columns() -> None:
-    comparison = Comparison(TOY, (curve(4, label="one [of] two"), curve(1, label="x" * 30)), ())
-    out = StringIO()
-    Console(file=out, width=80).print(as_table(comparison))
-    printed = out.getvalue()
-    markdown = as_markdown(comparison).partition("\n\n")[0]
-    numbers = re.findall(r"-?[\d.]+", markdown)
-    assert sorted(re.findall(r"-?[\d.]+", printed)) == sorted(numbers)
-    assert {"interquartile", "one", "[of]", "two"} <= set(printed.split())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nowhere",), "nowhere: expected a run's folder (with config.yaml and curve.csv), or a folder of runs"),
-        (("a", "--out", "c.txt"), "c.txt: expected a file name that ends in .png or .pdf or .svg, got '.txt'"),
-    ],
-)
-def test_bad_input_is_rejected_and_nothing_is_written(
-    rkhs: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    (tmp_path / "empty").mkdir()
-    assert_refused(rkhs("compare", *arguments), message)
-    assert [path.name for path in tmp_path.iterdir()] == ["empty"]

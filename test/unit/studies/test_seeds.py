@@ -122,14 +122,6 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert times(finished) == before
 
 
-def test_outdated_pictures_are_redrawn(rkhs: Run, started_runs: Path) -> None:
-    first, *_ = seed_folders(started_runs)
-    before = (first / "policy.png").stat().st_mtime_ns
-    (first / "curve.csv").write_bytes((first / "curve.csv").read_bytes())
-    assert rkhs("train", "--resume", "many", "--jobs", 1).code == 0
-    assert (first / "policy.png").stat().st_mtime_ns > before
-
-
 def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, started_runs: Path) -> None:
     first, bad, last = seed_folders(started_runs)
     (bad / "policy.png").unlink()
@@ -216,10 +208,3 @@ def test_invalid_options_are_rejected_once_and_nothing_starts(
 ) -> None:
     assert_refused(rkhs("train", CONFIG, *arguments), message)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_resume_with_other_seeds_is_rejected(rkhs: Run, started_runs: Path) -> None:
-    before = times(started_runs)
-    assert_refused(rkhs("train", "--resume", "many", "--seeds", "0-3"), "folder of the run, got --seeds")
-    assert_refused(rkhs("train", CONFIG, "--seeds", "0", "--out", "many"), "many: expected a new or empty folder")
-    assert times(started_runs) == before

@@ -1,10 +1,8 @@
 """The contents of a run's page; test/view tests the page in a browser."""
 
-import asyncio
 import shutil
 from contextlib import redirect_stdout, suppress
 from dataclasses import replace
-from inspect import iscoroutinefunction
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,7 +38,6 @@ from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.recorded import Recorded  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
 from rkhs_ros.view.source import ENDED, FINISHED, RUNNING, state_of  # noqa: E402
-from rkhs_ros.view.stage import Stage  # noqa: E402
 from rkhs_ros.view.status import status  # noqa: E402
 from rkhs_ros.view.tasks import scene_of  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
@@ -246,57 +243,6 @@ def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: A
     assert board.points.shape == (horizon, 2)
     assert ((board.points >= 0) & (board.points <= 1)).all()
     assert len(np.unique(board.image.reshape(-1, 3), axis=0)) > 50
-
-
-class Camera:
-    """A browser's camera, whose window has a second aspect from the first move of the camera on.
-
-    Callbacks run as in viser: plain ones in another thread at once, `async` ones after those before them.
-    """
-
-    def __init__(self, *aspects: float) -> None:
-        self.aspect, *self._later = aspects
-        self._callbacks: list[Any] = []
-
-    def on_update(self, callback: Any) -> Any:
-        self._callbacks.append(callback)
-        return callback
-
-    @property
-    def position(self) -> Any:
-        return self._position
-
-    @position.setter
-    def position(self, place: Any) -> None:
-        if self._later:
-            self.aspect = self._later.pop()
-            for callback in self._callbacks:
-                if iscoroutinefunction(callback):
-                    asyncio.get_running_loop().create_task(callback(self))
-                else:
-                    callback(self)
-        self._position = place
-
-
-def test_the_last_size_of_a_window_determines_its_camera() -> None:
-    server = opened("127.0.0.1", 0)
-    try:
-        Stage(server, scene_of(Task("rkhs/Pendulum-v0", {}, 10, 0.99)), has_depth=True)
-        (connected,) = server._client_connect_cb
-
-        async def placed(*aspects: float) -> Any:
-            camera = Camera(*aspects)
-            if (aiming := connected(SimpleNamespace(camera=camera))) is not None:
-                await aiming
-            await asyncio.sleep(0)
-            return camera.position
-
-        docked, wide = (asyncio.run(placed(aspect)) for aspect in (1.1, 1.6))
-        assert not np.allclose(docked, wide)
-        assert np.array_equal(asyncio.run(placed(1.6, 1.1)), docked)
-    finally:
-        with redirect_stdout(StringIO()):
-            server.stop()
 
 
 @pytest.mark.parametrize("environment", TASKS)

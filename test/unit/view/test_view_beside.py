@@ -52,6 +52,7 @@ def test_the_address_is_printed_before_a_short_run_and_the_page_ends_silently(st
     assert address not in out
 
 
+@pytest.mark.nightly
 def test_an_interrupted_run_with_a_page_reports_it_once(start: Start) -> None:
     run = start("--iterations", "100000")
     assert run.stderr is not None

@@ -19,7 +19,6 @@ from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG
-from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep
 from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration
 from rkhs_ros.learning.episodes import Episodes
@@ -119,14 +118,6 @@ def test_a_nac_step_has_the_given_divergence(
     assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the ridge of the sparsification changes it by 1e-4
 
 
-def test_annealing_shortens_later_steps(learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy)
-    algorithm = RKHSNAC(centres=60, step=KLStep(0.08, cap=1e6, annealing=0.5))
-    divergences = [learn(algorithm, policy, episodes, iteration=k).metrics.kl for k in (0, 2, 6)]
-    np.testing.assert_allclose(divergences, [0.08, 0.04, 0.02], rtol=1e-3)
-
-
 BASELINE = ValueBaseline(0.3, "scale_free", trace=0.6)
 CRITICS: list[tuple[str, str, Critic]] = [
     ("step", "ridge", StepCritic(0.1, BASELINE, "scale_free")),
@@ -217,23 +208,10 @@ def test_the_sparsification_error_is_the_distance_from_the_full_mean(
 
 @over_algorithms
 def test_an_update_far_from_all_centres_returns_a_policy(
-    learn: Learn,
-    algorithm: Algorithm,
-    random_policy: MakePolicy,
-    random_episodes: MakeEpisodes,
+    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
 ) -> None:
     policy = random_policy(m=0, kernel=RBF((0.01,)))
     episodes = random_episodes(policy)
     far = replace(episodes, observations=episodes.observations + 1000.0)
     new, *_ = learn(algorithm, policy, far)
     assert np.isfinite(new.mean(far.flat(far.observations))).all()
-
-
-def test_a_learnt_variance_works_without_rewards_with_the_published_weighting(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy)
-    still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
-    new, *_ = learn(RKHSPoWER(weighting="as_published"), policy, still)
-    assert (new.variance(still.flat(still.observations)) > 0).all()

@@ -199,19 +199,6 @@ def test_the_published_variance_matches_the_papers_formula(
     np.testing.assert_allclose(variance(samples.observations), np.clip(values, 0.01, 4.0), rtol=1e-5)
 
 
-def test_the_published_variance_does_not_depend_on_the_size_of_the_exploration(
-    random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    samples = Samples.in_newton_basis(policy, random_episodes(policy), 20)
-    wide = replace(samples, exploration=10 * samples.exploration)
-    q, x = np.ones(len(samples.observations)), samples.observations
-    one, ten = (as_published(s, q, 1e-3, 1e3).function(x) for s in (samples, wide))
-    np.testing.assert_allclose(ten, one, rtol=1e-6)
-    one, ten = (learnt(s, q, 1e-3, 1e3)(x) for s in (samples, wide))
-    np.testing.assert_allclose(ten, 100 * one, rtol=1e-9)
-
-
 @given(
     seed=st.integers(0, 10_000),
     scale=st.sampled_from([1e-12, 1.0, 1e12]),
@@ -264,23 +251,6 @@ def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
     assert variance.centres.tolist() == [[0.0], [4.0]]  # no sample is close to the third
     np.testing.assert_allclose(variance.mass, [4.0, 4.0])
     np.testing.assert_allclose(variance.values[:, 0], [(1 + 3 * 4) / 4, (2 * 9 + 2 * 25) / 4])
-
-
-def bandit(best: float) -> tuple[GaussianPolicy, Episodes]:
-    """Return one-step episodes in one state; the closer an action to the best, the higher its reward."""
-    policy = GaussianPolicy(Function.constant(RBF((1.0,)), 1, 1), ConstantVariance(np.ones(1)))
-    actions = np.random.default_rng(1).standard_normal((200, 1, 1))
-    rewards = np.exp(-0.5 * (actions[:, :, 0] - best) ** 2)
-    return policy, Episodes.without_ends(np.zeros((200, 1, 1)), actions, rewards, np.ones((200, 1), dtype=bool))
-
-
-def test_power_in_one_state_learns_the_weighted_mean_of_squared_exploration(learn: Learn) -> None:
-    policy, episodes = bandit(1.5)
-    new, *_ = learn(RKHSPoWER(variance="learnt", value_ridge=0.01), policy, episodes)
-    rewards, exploration = episodes.rewards[:, 0], episodes.actions[:, 0, 0]
-    q = np.maximum(rewards - rewards.mean(), 0.0)  # up to its ridge, the value of the only state is the mean
-    expected = np.sum(q * exploration**2) / np.sum(q)
-    assert new.variance(np.zeros((1, 1)))[0, 0] == pytest.approx(expected, rel=1e-3)
 
 
 over_powers = pytest.mark.parametrize("algorithm", [RKHSPoWER(reuse=3), PoWER(reuse=3)], ids=["rkhs_power", "power"])

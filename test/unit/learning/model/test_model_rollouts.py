@@ -80,9 +80,7 @@ def transitions(episodes: Episodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return tuple(episodes.flat(v) for v in (episodes.observations, episodes.actions, following))
 
 
-def test_rollouts_of_a_linear_system_have_the_true_mean_and_spread(
-    rng: np.random.Generator,
-) -> None:
+def test_rollouts_of_a_linear_system_have_the_true_mean_and_spread(rng: np.random.Generator) -> None:
     model = DynamicsModel.fit(simulated_episodes(rng, rows=200), Inputs(), SPACES, 50)
     model = replace(model, low=np.full(2, -np.inf), high=np.full(2, np.inf))
     rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(200))

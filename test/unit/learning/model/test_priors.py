@@ -119,13 +119,6 @@ def test_termination_must_be_0_or_1(functions: ModuleType) -> None:
         priors.termination_fn(np.zeros((3, 2)))
 
 
-def test_transposed_changes_are_rejected(functions: ModuleType) -> None:
-    priors = ModelBased(dynamics_fn="known_task:turned").priors(2)
-    assert priors.dynamics_fn is not None
-    with pytest.raises(RunError, match=r"model.dynamics_fn: known_task:turned: values: .*\(3, 2\), got \(2, 3\)"):
-        priors.dynamics_fn(np.zeros((3, 2)), np.zeros((3, 1)))
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -227,20 +227,6 @@ def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -
     assert len(learn(settings(algorithm=search, model={"form": "none"}))) == ITERATIONS
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ("model.centres=many", "model.centres: expected a whole number, got 'many'"),
-        ("model.validation_rollouts=1", "model.validation_rollouts: expected a number in [2, 10000], got 1"),
-        ("model=none", "model: expected a section of keys such as model.form=none, got 'none'"),
-    ],
-)
-def test_invalid_model_settings_are_rejected_in_one_line(
-    rkhs: Callable[..., Result], change: str, message: str
-) -> None:
-    assert_refused(rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", change), message)
-
-
 CONFIG = Config(Environment(PENDULUM, {"angle": "wrap"}), settings(inputs={"angles": [0]}))
 
 
