@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from rkhs_ros.policies.gaussian import TAPS, GaussianPolicy, pink
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.streams import TAPS, Batch, pink
 
 Make = Callable[..., GaussianPolicy]
 BATCH = Batch(seed=3, first_episode=5, num_envs=7, horizon=50, explore=True)
