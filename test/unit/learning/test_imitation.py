@@ -10,16 +10,10 @@ from sklearn.kernel_ridge import KernelRidge
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import Imitation
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.state import first_state
-from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
-from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.episode_files import load_episodes, save_episodes
-from test.unit.conftest import model_free
 
 MakePolicy = Callable[..., GaussianPolicy]
 MakeEpisodes = Callable[..., Episodes]
@@ -49,22 +43,6 @@ def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
     assert np.array_equal(fitted.mean.centres, alike.mean.centres)
     assert np.array_equal(fitted.mean.weights, alike.mean.weights)
     assert np.array_equal(fitted.variance.values, alike.variance.values)
-
-
-@pytest.mark.slow
-def test_an_imitated_policy_performs_alike_and_can_be_trained_further() -> None:
-    runner = InlineRunner(Simulation("rkhs/Pendulum-v0"))
-    training = model_free(iterations=25, exploration_sd=(2.0,))
-    *_, last = train(training, runner)
-    assert last.evaluation_return > 48.0  # of 51.8
-    fitted = Imitation().fit(last.evaluation, runner.spaces)
-    batch = Batch(7, 0, 20, 100, explore=False)
-    shown, imitated = (runner.collect(policy, batch).returns(0.99).mean() for policy in (last.policy, fitted))
-    assert imitated > shown - 2.0
-    further = model_free(iterations=1, seed=1, exploration_sd=(0.5,))
-    (first,) = train(further, runner, first_state(further, runner.spaces, fitted))
-    assert first.exploration_return > 45.0  # an untrained policy explores for 5
-    assert first.policy.mean.kernel == fitted.mean.kernel
 
 
 def test_saved_episodes_are_read_back_with_optional_fields_missing(

@@ -79,22 +79,6 @@ def test_the_time_features_span_the_quadratic_polynomials(
     assert np.linalg.matrix_rank(features) == 3
 
 
-@given(n=st.integers(1, 12), more=st.integers(1, 12), weighted=st.booleans(), seed=st.integers(0, 999))
-def test_dual_and_primal_ridge_regression_agree(n: int, more: int, weighted: bool, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    p = n + more
-    features, targets = rng.normal(size=(n, p)), rng.normal(size=(n, 2))
-    penalty, weights = 10 ** rng.uniform(-3, 1, p), rng.uniform(0, 3, n) if weighted else None
-    dual = ridge_regression(features, targets, penalty, weights)
-    # Rows of weight 0 make the system tall, so that the primal form solves it.
-    padding = np.zeros((more, p))
-    q = np.concatenate([np.ones(n) if weights is None else weights, np.zeros(more)]) * p / n
-    primal = ridge_regression(
-        np.concatenate([features, padding]), np.concatenate([targets, padding[:, :2]]), penalty, q
-    )
-    np.testing.assert_allclose(dual, primal, rtol=1e-8, atol=1e-10)
-
-
 def test_samples_on_given_centres_use_their_kernel_functions(
     policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
 ) -> None:

@@ -75,17 +75,6 @@ def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early() ->
     begin(variance="as_published")
 
 
-def test_a_kernel_that_does_not_match_the_inputs_is_rejected_early() -> None:
-    two = model_free(kernel=KernelChoice(bandwidth=(1.0, 2.0)))
-    first_state(two, Spaces.unbounded(2, 1))
-    with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 4 numbers"):
-        first_state(two, Spaces.unbounded(4, 1))
-    window = replace(two, inputs=Inputs(history=2))
-    first_state(window, Spaces.unbounded(1, 1))
-    with pytest.raises(ValueError, match=r"kernel\.bandwidth: expected 1 or 3 or 6 numbers"):
-        first_state(window, Spaces.unbounded(2, 1))
-
-
 class Watching:
     """A runner that stores its requests and results."""
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.app.cli import main
 from rkhs_ros.app.study import make_missing
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
@@ -145,21 +144,3 @@ def test_curves_of_a_panel_have_different_styles() -> None:
         styles = styles_of(experiment)
         for panel in experiment.panels:
             assert len({styles[curve.label] for curve in panel.curves}) == len(panel.curves), panel.title
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (("reproduce", "fig3"), "unknown experiment 'fig3', did you mean 'fig3-pendulum' or 'fig3-toy'?"),
-        (("reproduce", "fig1", "--runs", "0"), "--runs: expected at least 1, got 0"),
-    ],
-)
-def test_bad_input_is_rejected_in_one_line(
-    arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ending:
-        main(arguments)
-    assert ending.value.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert reason in error

@@ -1,9 +1,7 @@
 from collections.abc import Callable
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -50,28 +48,3 @@ def test_episodes_do_not_depend_on_the_split_into_batches(
     ]
     for name in ARRAYS:
         assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(together, name))
-
-
-def test_steps_after_the_end_of_an_episode_are_masked(random_policy: MakePolicy) -> None:
-    class Fading(gymnasium.Env[np.ndarray, np.ndarray]):
-        observation_space, action_space = Box(-9.0, 9.0, (1,), np.float64), Box(-1.0, 1.0, (1,), np.float64)
-
-        def reset(self, *, seed: int | None = None, options: object = None) -> tuple[np.ndarray, dict[str, object]]:
-            super().reset(seed=seed)
-            self.left = int(self.np_random.integers(1, 6))
-            return np.array([float(self.left)]), {}
-
-        def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-            self.left -= 1
-            return np.array([float(self.left)]), 2.0, self.left == 0, False, {}
-
-    gymnasium.register("test/Fading-v0", Fading)
-    try:
-        runner = InlineRunner(Simulation("test/Fading-v0"))
-        episodes = runner.collect(random_policy(d=1, n=1), Batch(0, 0, 20, 7, explore=True))
-    finally:
-        del gymnasium.registry["test/Fading-v0"]
-    lengths = episodes.observations[:, 0, 0].astype(int)
-    assert len(set(lengths)) > 1
-    assert np.array_equal(episodes.mask, np.arange(7) < lengths[:, None])
-    assert np.array_equal(episodes.rewards, np.where(episodes.mask, 2.0, 0.0))
