@@ -8,6 +8,7 @@ import numpy as np
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.rkhs.kernels import Array
 
+SHORTEST, LONGEST = 0.01, 3.0  # steps of the line search, in standard deviations of the action
 MeanReturn = Callable[[float, int], float]  # from a step size and a number of new episodes to their mean return
 
 
@@ -55,8 +56,6 @@ class LineSearch(Settings):
 
     choices: int = setting(50, "number of step sizes to try", minimum=2, maximum=1000)
     episodes: int = setting(1, "exploration episodes per step size", minimum=1, maximum=1000)
-    shortest: float = setting(0.01, "shortest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
-    longest: float = setting(3.0, "longest step, in standard deviations of the action", minimum=1e-9, maximum=1e6)
 
     def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size with the greatest mean return.
@@ -70,7 +69,7 @@ class LineSearch(Settings):
         length = _length(direction, variance)
         if length == 0:
             return 0.0
-        sizes = np.geomspace(self.shortest, self.longest, self.choices) / length
+        sizes = np.geomspace(SHORTEST, LONGEST, self.choices) / length
         return float(max(sizes, key=lambda size: mean_return(float(size), self.episodes)))
 
 

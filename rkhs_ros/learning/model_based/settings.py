@@ -24,11 +24,9 @@ class ModelBased(Settings):
         minimum=1,
         maximum=1000,
     )
-    rollouts: int = setting(50, "model rollouts with exploration noise per update", minimum=1, maximum=10_000)
-    validation_rollouts: int = setting(
+    rollouts: int = setting(
         50,
-        "number of model rollouts of the policy mean that measure a policy, with the same random numbers for all "
-        "policies; an iteration selects its best policy",
+        "model rollouts with exploration noise per update, and of the policy mean per validation",
         minimum=2,
         maximum=10_000,
     )

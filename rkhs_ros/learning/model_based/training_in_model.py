@@ -167,7 +167,7 @@ def _optimise(
 ) -> tuple[GaussianPolicy, Metrics, float]:
     """Update the policy in the model; return it with the metrics of the last update and its return in the model."""
     horizon, discount = _horizon(experience), experience.discount
-    validation = Validation(settings.validation_rollouts, runner, _validation_seed(experience), horizon, discount)
+    validation = Validation(settings.rollouts, runner, _validation_seed(experience), horizon, discount)
     deviation = np.sqrt(experience.first_variance)
     least = EXPLORATION_MINIMUM * deviation
     for each in (policy, *(old for old in experience.earlier if old.inputs == policy.inputs)):

@@ -19,9 +19,9 @@ from rkhs_ros.runs.learnt_model import load_model
 from rkhs_ros.runs.run import run_training
 
 TASK, HORIZON, REPEAT = "rkhs/Pendulum-v0", 30, 4
-MODEL = rkhs_ros.ModelBased(updates=1, rollouts=4, validation_rollouts=2, centres=30)
+MODEL = rkhs_ros.ModelBased(updates=1, rollouts=4, centres=30)
 CHANGES = ["iterations=3", "seed=4", f"horizon={HORIZON}", f"action_repeat={REPEAT}"]
-OF_MODEL = ["model.updates=1", "model.rollouts=4", "model.validation_rollouts=2", "model.centres=30"]
+OF_MODEL = ["model.updates=1", "model.rollouts=4", "model.centres=30"]
 
 
 def run_in(folder: Path, *changes: str) -> Path:

@@ -266,15 +266,13 @@ def test_a_line_search_collects_episodes_for_each_candidate(
         good = 1.0 if len(tried) == 3 else 0.0
         return replace(episodes, rewards=np.full_like(episodes.rewards, good)).take(slice(number))
 
-    algorithm = RKHSNAC(
-        centres=200, step=LineSearch(choices=5, episodes=2, shortest=0.1, longest=1.0), exploration_decay=0.5
-    )
+    algorithm = RKHSNAC(centres=200, step=LineSearch(choices=5, episodes=2), exploration_decay=0.5)
     moved, metrics = learn(algorithm, policy, episodes, collect=collect)
     x = episodes.flat(episodes.observations)
     assert len(tried) == 5
     assert np.array_equal(moved.mean(x), tried[2].mean(x))
     lengths = [np.sqrt(np.mean(np.sum((t.mean(x) - policy.mean(x)) ** 2 / policy.variance(x), axis=1))) for t in tried]
-    np.testing.assert_allclose(lengths, np.geomspace(0.1, 1.0, 5), rtol=1e-9)
+    np.testing.assert_allclose(lengths, np.geomspace(0.01, 3.0, 5), rtol=1e-9)
     assert all(np.array_equal(t.variance.values, policy.variance.values) for t in tried)
     np.testing.assert_allclose(moved.variance.values, 0.25 * policy.variance.values)
     w = RKHSNAC(centres=200, step=FixedStep(metrics.step_size))

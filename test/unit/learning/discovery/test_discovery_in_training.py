@@ -30,7 +30,7 @@ from test.unit.runs import stopping
 
 PENDULUM = "rkhs/Pendulum-v0"
 WRAP = Environment(PENDULUM, {"angle": "wrap"})
-MODEL = {"form": "gaussian_process", "updates": 3, "rollouts": 5, "validation_rollouts": 2, "centres": 30}
+MODEL = {"form": "gaussian_process", "updates": 3, "rollouts": 5, "centres": 30}
 TREE: dict[str, Any] = {
     "iterations": 3,
     "episodes_per_iteration": 2,

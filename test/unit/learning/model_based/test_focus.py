@@ -107,7 +107,7 @@ def ridges_of_a_run(environment: str) -> list[tuple[float, float]]:
             used[self.ridge, self.value_ridge] = None
             return super().update(policy, experience)
 
-    model = ModelBased(updates=2, rollouts=4, validation_rollouts=2, centres=20)
+    model = ModelBased(updates=2, rollouts=4, centres=20)
     algorithm = Spy(centres=10, ridge=0.01, value_ridge=0.001)
     shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
     learn(model_free(**shared, horizon=20, algorithm=algorithm, model=model), environment)

@@ -47,7 +47,6 @@ MODEL = {
     "discovery": "none",
     "updates": 3,
     "rollouts": 5,
-    "validation_rollouts": 2,
     "centres": 30,
 }
 WIDE = {"grid_counts": 2, "grid_low": [-4.0], "grid_high": [4.0]}

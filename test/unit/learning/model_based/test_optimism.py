@@ -26,7 +26,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs.pendulum import Pendulum
 from test.unit.conftest import model_free
 
-MODEL = ModelBased(updates=15, rollouts=20, centres=60, validation_rollouts=10)
+MODEL = ModelBased(updates=15, rollouts=20, centres=60)
 TRAINING = model_free(
     iterations=6,
     episodes_per_iteration=1,

@@ -39,7 +39,7 @@ from test.unit.conftest import model_free
 
 HORIZON = 12
 PENDULUM = "rkhs/Pendulum-v0"
-SMALL = ModelBased(updates=40, rollouts=5, centres=30, validation_rollouts=6, discovery="none")
+SMALL = ModelBased(updates=40, rollouts=5, centres=30, discovery="none")
 TRAINING = model_free(
     iterations=2,
     episodes_per_iteration=2,
@@ -177,7 +177,7 @@ def test_the_model_return_is_that_of_the_best_policy_in_validation() -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1))
     runner = fitted(TRAINING, iteration.exploration)
     seed = stream_seed(TRAINING.seed, "validation", 0)
-    rollouts = runner.collect(iteration.policy, Batch(seed, 0, 6, HORIZON, explore=False))
+    rollouts = runner.collect(iteration.policy, Batch(seed, 0, SMALL.rollouts, HORIZON, explore=False))
     assert iteration.model_return == rollouts.returns(TRAINING.discount).mean()
 
 
