@@ -16,7 +16,7 @@ import rclpy
 
 from command import parser
 from rkhs_interfaces.msg import Command, GateReport
-from rkhs_ros.app.launcher import for_all, started
+from rkhs_ros.app.launcher import started, write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
@@ -31,7 +31,6 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.robot.episode import LATE, MISSED
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.report import resolved
 
 CONFIG = Path(__file__).parents[1] / "config" / "robot_pendulum.yaml"
 PERIOD, CENTRES = 0.02, 80
@@ -109,8 +108,7 @@ def main(horizon: int, episodes: int) -> None:
     os.environ.update(by_udp(os.environ))
     config = load_config(CONFIG, [*AT_50_HZ, f"horizon={horizon}"])
     with tempfile.TemporaryDirectory() as folder:
-        parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(for_all(resolved(config)))
+        parameters = write_parameters(config, Path(folder) / "parameters.yaml")
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(node_names(config.environment.nodes)[:-1], parameters):
             learner = LearnerNode()

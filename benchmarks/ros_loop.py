@@ -24,7 +24,7 @@ from rclpy.experimental import EventsExecutor
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from command import parser
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.app.launcher import COMPOSED, for_all, started
+from rkhs_ros.app.launcher import COMPOSED, started, write_parameters
 from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observation_message
 from rkhs_ros.nodes.core.transport import by_udp
@@ -34,7 +34,6 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.report import resolved
 
 CONFIG = Path(__file__).parents[1] / "config" / "pendulum_nac.yaml"
 ROUNDS, TRIPS, QUICK_TRIPS = 5, 1000, 10
@@ -101,8 +100,7 @@ def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) 
     """
     batch = batch_of(config)
     with tempfile.TemporaryDirectory() as folder:
-        parameters = Path(folder) / "parameters.yaml"
-        parameters.write_text(for_all(resolved(config)))
+        parameters = write_parameters(config, Path(folder) / "parameters.yaml")
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(names, parameters):
             learner = LearnerNode()

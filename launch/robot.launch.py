@@ -7,6 +7,7 @@ starts as well, and the robot node arms the gate.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
@@ -14,7 +15,7 @@ from launch.action import Action
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from rkhs_ros.app.launcher import robot_parameters
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.validation import require
@@ -63,6 +64,8 @@ def nodes(context: LaunchContext) -> list[Action]:
     expected = "a section /**/simulated_robot in the configuration"
     require(not simulated or "simulated_robot" in config.environment.nodes, "simulated", expected, "none")
     check_robot(config)
-    file = robot_parameters(config, folder, resume=given["resume"] == "true", simulated=simulated)
-    names = (*(["simulated_robot"] if simulated else []), "gate", "robot", "policy", "learner")
-    return nodes_of_run({name: [str(file)] for name in names}, given["namespace"])
+    if not simulated:
+        robot = {name: each for name, each in config.environment.nodes.items() if name != "simulated_robot"}
+        config = replace(config, environment=replace(config.environment, nodes=robot))
+    file = write_parameters(config, folder / "parameters.yaml", output=str(folder), resume=given["resume"] == "true")
+    return nodes_of_run(config.environment.nodes, file, given["namespace"])

@@ -11,9 +11,12 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.launching import nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
+from rkhs_ros.runs.config import load_config
+from rkhs_ros.runs.report import new_folder
 
 ABOUT = {
     "config": "parameter file, see config/",
@@ -41,11 +44,14 @@ def nodes(context: LaunchContext) -> list[Action]:
     """Return the nodes for the arguments of the launch file.
 
     Raises:
-        ValueError: an argument is unknown or invalid.
+        ValueError: an argument is unknown or invalid, or the configuration is.
     """
     require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
     require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
-    learner = {"output": given["output"], "resume": given["resume"] == "true"}
-    parameters = {"policy": [given["config"]], "simulator": [given["config"]], "learner": [given["config"], learner]}
-    return nodes_of_run(parameters, given["namespace"])
+    config = load_config(Path(given["config"]))
+    require(not config.environment.nodes, given["config"], "a section /**/simulator", "a robot")
+    folder = Path(given["output"]).expanduser() if given["output"] else new_folder(None, config.training.name)
+    output = str(folder.resolve())
+    file = write_parameters(config, folder / "parameters.yaml", output=output, resume=given["resume"] == "true")
+    return nodes_of_run((), file, given["namespace"])

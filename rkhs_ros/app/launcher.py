@@ -5,21 +5,20 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, deferred_signals
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.parameter_files import GATE, LEARNER, PARAMETERS, ROBOT, SIMULATED_ROBOT, SIMULATOR
+from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, ROBOT
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.search_path import python
-from rkhs_ros.base.yaml_text import dumped, loaded, require_ros_value
+from rkhs_ros.base.yaml_text import dumped, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
-from rkhs_ros.runs.config import Config, environment_of_robot, robot_nodes
+from rkhs_ros.runs.config import Config
 
 TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed
 # The gate first brings the robot to rest, and the simulated robot must run until then.
@@ -78,107 +77,51 @@ class NodeProcess:
 Nodes = dict[str, NodeProcess]
 
 
-Further = Mapping[str, Mapping[str, str | bool]]  # further parameters by the name of the node
-
-
-def launch(parameters: str, further: Further, *, composed: bool = False) -> int:
-    """Run the nodes until one ends.
+def launch(config: Config, parameters: Path, *, composed: bool = False) -> int:
+    """Run the nodes of a run until one ends.
 
     Args:
-        parameters: content of a ROS parameter file.
-        further: further parameters of nodes, such as paths.
+        config: configuration of the run.
+        parameters: its parameter file.
         composed: whether simulator and policy node share a process.
 
     Returns:
         Exit code of the learner, or of a node that ended earlier; `RESUMABLE` if a node died or was silent.
     """
-    document = loaded(parameters)
-    names = [COMPOSED, "learner"] if composed else node_names(robot_nodes(document))
-    with (
-        _in_memory(for_all(parameters, further)) as file,
-        started(names, file) as nodes,
-        _signals_passed_to(nodes["learner"]),
-    ):
-        return _supervise(nodes, _environment_in(document)["id"])
+    names = [COMPOSED, "learner"] if composed else node_names(config.environment.nodes)
+    with started(names, parameters) as nodes, _signals_passed_to(nodes["learner"]):
+        return _supervise(nodes, config.environment.id)
 
 
-def launch_worlds(parameters: str) -> int:
-    """Run a simulator, or the nodes of a robot, until one ends.
-
-    Args:
-        parameters: content of a ROS parameter file.
-
-    Returns:
-        Exit code of the node that ended.
-    """
-    document = loaded(parameters)
-    worlds = [name for name in node_names(robot_nodes(document)) if name not in LEARNING]
-    with _in_memory(for_all(parameters)) as file, started(worlds, file) as nodes:
-        code = _supervise(nodes, _environment_in(document)["id"])
+def launch_worlds(config: Config, parameters: Path) -> int:
+    """Run a simulator, or the nodes of a robot, until one ends; return its exit code."""
+    worlds = [name for name in node_names(config.environment.nodes) if name not in LEARNING]
+    with started(worlds, parameters) as nodes:
+        code = _supervise(nodes, config.environment.id)
     return FAILED if code == RESUMABLE else code
 
 
-@contextmanager
-def _in_memory(content: str) -> Iterator[Path]:
-    """Yield a file in memory for the nodes to read, which leaves nothing on the disk even if the launcher is killed."""
-    with os.fdopen(os.memfd_create("parameters.yaml"), "w") as file:
-        file.write(content)
-        file.flush()
-        yield Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
-
-
-def for_all(parameters: str, further: Further | None = None) -> str:
-    """Return the parameter file of all nodes.
+def write_parameters(config: Config, file: Path, **learner: str | bool) -> Path:
+    """Write the ROS parameter file of all nodes of a run; return its path.
 
     Args:
-        parameters: content of a ROS parameter file. The learner receives the environment as well, and rejects a
-            simulator with another one.
-        further: further parameters of nodes, such as paths, which ROS would parse as YAML if they were arguments.
+        config: configuration of the run. The learner receives its environment, too, and rejects another simulator.
+        file: where to write it; its folder is created if missing.
+        learner: further parameters of the learner, such as ``output``.
 
     Raises:
-        ValueError: a value cannot be a ROS parameter.
-    """
-    document = loaded(parameters)
-    own: dict[str, dict[str, Any]] = {LEARNER: {"environment": _environment_in(document)}}
-    if ROBOT in document:
-        arms_itself = document.get(GATE, {PARAMETERS: {}})[PARAMETERS].get("arms_itself", False)
-        own[ROBOT] = {"simulated": SIMULATED_ROBOT in document and arms_itself}
-    for name, given in (further or {}).items():
-        require_ros_value(given, name)
-        own[f"/**/{name}"] = {**own.get(f"/**/{name}", {}), **given}
-    for name, added in own.items():
-        document[name] = {PARAMETERS: document.get(name, {PARAMETERS: {}})[PARAMETERS] | added}
-    return dumped(document)
-
-
-def robot_parameters(config: Config, folder: Path, *, resume: bool, simulated: bool) -> Path:
-    """Write the parameter file of all nodes of a run on a robot into the folder of the run; return its path.
-
-    Args:
-        config: configuration of the run.
-        folder: folder of the results; created if missing.
-        resume: whether the learner resumes the run in the folder.
-        simulated: whether to use the simulated robot of the configuration.
-
-    Raises:
-        ValueError: a setting cannot be a ROS parameter.
+        ValueError: a parameter of the learner cannot be a ROS parameter.
         OSError: the file cannot be written.
     """
-    document = config.parameters()
-    if not simulated:
-        document.pop(SIMULATED_ROBOT, None)
-    further: Further = {"learner": {"output": str(folder), "resume": resume}}
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "parameters.yaml"
-    write_whole(file, for_all(dumped(document), further).encode())
+    require_ros_value(learner, "learner")
+    document, robot = config.parameters(), config.environment.nodes
+    document[LEARNER][PARAMETERS] |= {"environment": config.environment.tree(), **learner}
+    if robot:
+        simulated = "simulated_robot" in robot and robot["gate"].get("arms_itself", False)
+        document[ROBOT] = {PARAMETERS: {**robot["robot"], "simulated": simulated}}
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, dumped(document).encode())
     return file
-
-
-def _environment_in(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the environment of a parameter file in the form for the learner."""
-    if ROBOT not in document:
-        return dict(document[SIMULATOR][PARAMETERS]["environment"])
-    return environment_of_robot(robot_nodes(document)).tree()
 
 
 @contextmanager

@@ -25,7 +25,7 @@ NODE_PARAMETERS = {
     "gate": OF_ANY_NODE,
     "simulated_robot": OF_ANY_NODE,
     "policy": OF_ANY_NODE | {"policy_file"},
-    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "evaluate"},
+    "learner": OF_ANY_NODE | {"output", "quiet", "resume", "tensorboard", "evaluate"},
 }
 
 

@@ -29,7 +29,7 @@ KEPT_LAST = "kept the last policy"  # in this file
 # Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
     *("checkpoint.npz", "checkpoint.npz.part", "config.yaml.part"),
-    *("domain", "episodes", "lock", "parameters.yaml"),
+    *("domain", "episodes", "lock", "parameters.yaml", "parameters.yaml.part"),
 }
 
 

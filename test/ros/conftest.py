@@ -21,11 +21,10 @@ from rclpy.node import Node
 
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.app.launcher import for_all
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.transport import LOOPBACK, PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.report import resolved
 from test.processes import children_of, is_running, of_process
 
 ROOT = Path(__file__).parents[2]
@@ -125,8 +124,7 @@ def parameters(tmp_path: Path) -> Callable[..., Path]:
 
     def write(config: str, *changes: str) -> Path:
         file = tmp_path / f"{config}.parameters.yaml"
-        file.write_text(for_all(resolved(load_config(ROOT / "config" / f"{config}.yaml", changes))))
-        return file
+        return write_parameters(load_config(ROOT / "config" / f"{config}.yaml", changes), file)
 
     return write
 

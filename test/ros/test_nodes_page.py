@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from rkhs_ros.app.launcher import robot_parameters
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.runs.config import load_config
 from test.ros.conftest import ROOT, Probe, Process
 from test.ros.robot_bench import CONFIG, QUICK
@@ -29,7 +29,7 @@ def test_the_page_lists_all_topics_and_services(
     page = (ROOT / "docs" / "nodes.md").read_text()
     documented = {f"/{name.strip('/')}" for name in re.findall(r"`([\w/]+)`", page)}
     configured = {f"/{name}" for name in re.findall(r"topic: ([\w/]+)", CONFIG.read_text())}
-    file = robot_parameters(load_config(CONFIG, QUICK), tmp_path / "run", resume=False, simulated=True)
+    file = write_parameters(load_config(CONFIG, QUICK), tmp_path / "parameters.yaml", output=str(tmp_path / "run"))
     for name in ROBOTS:
         start(name, "--ros-args", "--params-file", file)
     probe.until(lambda: bool(probe.count_publishers("progress")))

@@ -10,7 +10,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.srv import DescribeTask
-from rkhs_ros.app.launcher import robot_parameters
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.policies.storage import read_policy
 from rkhs_ros.recordings.recording import read_recording
@@ -38,7 +38,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
         words = ("simulated:=true", f"config:={given}", f"output:={folder}")
         code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
     else:
-        file = robot_parameters(config, folder, resume=False, simulated=True)
+        file = write_parameters(config, folder / "parameters.yaml", output=str(folder))
         *_, learner = [start(name, "--ros-args", "--params-file", file) for name in NODES]
         code, _, err = learner.finish()
     assert code == 0, err

@@ -4,10 +4,11 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import load_acting
-from rkhs_ros.app.launcher import Further, launch
+from rkhs_ros.app.launcher import launch, write_parameters
 from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.app.robots import check_robot, default_domain, robot_of
 from rkhs_ros.base.endings import FAILED, RESUMABLE
@@ -17,7 +18,7 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.evaluation import Evaluation
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import last_policy, resolved
+from rkhs_ros.runs.report import last_policy
 
 EPISODES, ROBOT_EPISODES = 100, 10  # defaults of --episodes
 
@@ -65,7 +66,7 @@ def _on_robot(options: argparse.Namespace, config: Config) -> int:
     discount = config.training.discount if options.discount is None else options.discount
     asked = {"evaluation_episodes": options.episodes or ROBOT_EPISODES, "seed": options.seed, "discount": discount}
     config = replace(config, training=replace(config.training, **asked))
-    with reserved_domain(folder, default_domain(config)):
-        further: Further = {"learner": {"evaluate": str(policy.resolve()), "output": str(folder.resolve())}}
-        code = launch(resolved(config), further)
+    paths = {"evaluate": str(policy.resolve()), "output": str(folder.resolve())}
+    with reserved_domain(folder, default_domain(config)), TemporaryDirectory() as place:
+        code = launch(config, write_parameters(config, Path(place) / "parameters.yaml", **paths))
     return FAILED if code == RESUMABLE else code

@@ -3,16 +3,17 @@
 import argparse
 import os
 import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rkhs_ros.app.domain import VARIABLE
 from rkhs_ros.app.inline import spaces_of, untuned_config
-from rkhs_ros.app.launcher import launch_worlds
+from rkhs_ros.app.launcher import launch_worlds, write_parameters
 from rkhs_ros.app.named import configuration, named
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.ros import require_ros
 from rkhs_ros.base.validation import require
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.report import resolved
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +46,8 @@ def run(options: argparse.Namespace) -> int:
     config.check_for_topics()
     domain = os.environ.setdefault(VARIABLE, "0")
     print(f"{config.environment.id} in ROS domain {domain}; stop with Ctrl-C", file=sys.stderr)
-    return launch_worlds(resolved(config))
+    with TemporaryDirectory() as place:
+        return launch_worlds(config, write_parameters(config, Path(place) / "parameters.yaml"))
 
 
 def _configuration(options: argparse.Namespace) -> Config:

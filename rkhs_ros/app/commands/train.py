@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import check_environment, runner_of, untuned_config, warn_of_horizon
-from rkhs_ros.app.launcher import launch
+from rkhs_ros.app.launcher import launch, write_parameters
 from rkhs_ros.app.named import configuration, named
 from rkhs_ros.app.resuming import resuming
 from rkhs_ros.app.robots import check_robot, default_domain
@@ -34,7 +34,6 @@ from rkhs_ros.runs.report import (
     is_started,
     new_folder,
     old_folder,
-    resolved,
     resume_hint,
     summary,
 )
@@ -222,15 +221,14 @@ def _is_over_topics(asked: str | None) -> bool:
 
 
 def _over_topics(config: Config, folder: Path, options: argparse.Namespace) -> int:
-    output = str(folder.resolve())
-    given: dict[str, str | bool] = {name: bool(getattr(options, name)) for name in ("quiet", "tensorboard")}
-
-    def run(again: bool) -> int:
-        learner = {"output": output, "resume": again or bool(options.resume), **given}
-        return launch(resolved(config), {"learner": learner}, composed=options.runner == "composed")
-
     with reserved_domain(folder, default_domain(config)):
-        return resuming(run, lambda: len(Curve(folder / "curve.csv").rows()))
+        # The learner resumes a run that has started, so that one file serves all attempts.
+        given = {"quiet": options.quiet, "tensorboard": options.tensorboard, "resume": True}
+        file = write_parameters(config, folder / "parameters.yaml", output=str(folder.resolve()), **given)
+        return resuming(
+            lambda: launch(config, file, composed=options.runner == "composed"),
+            lambda: len(Curve(folder / "curve.csv").rows()),
+        )
 
 
 def _in_process(config: Config, folder: Path, options: argparse.Namespace, runner: InlineRunner) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection
+from pathlib import Path
 
 from launch.action import Action
 from launch.actions import Shutdown
@@ -11,14 +11,17 @@ from launch.events.process import ProcessExited
 from launch.launch_context import LaunchContext  # not from launch, which mypy takes for the folder of that name
 from launch_ros.actions import Node
 
+from rkhs_ros.nodes.core.names import node_names
+
 OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 
 
-def nodes_of_run(parameters: Mapping[str, Sequence[Any]], namespace: str) -> list[Action]:
+def nodes_of_run(robot: Collection[str], parameters: Path, namespace: str) -> list[Action]:
     """Return the nodes of a run, all of which exit with the first one that exits.
 
     Args:
-        parameters: parameter files and values of each node, by the node's name.
+        robot: names of the nodes that replace the simulator.
+        parameters: parameter file of all nodes.
         namespace: namespace of all nodes.
     """
     return [
@@ -27,10 +30,10 @@ def nodes_of_run(parameters: Mapping[str, Sequence[Any]], namespace: str) -> lis
             executable=name,
             namespace=namespace,
             output="screen",
-            parameters=list(own),
+            parameters=[str(parameters)],
             on_exit=_learner_ended if name == "learner" else _server_ended(name),
         )
-        for name, own in parameters.items()
+        for name in node_names(robot)
     ]
 
 

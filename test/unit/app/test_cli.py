@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from importlib.machinery import ModuleSpec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from rkhs_ros import __version__
 from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
+from rkhs_ros.base.parameter_files import read_sections
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -251,11 +253,11 @@ def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pyte
 
 
 def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    launched: dict[str, dict[str, object]] = {}
+    launched: dict[str, Any] = {}
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
-    monkeypatch.setattr(train, "launch", lambda parameters, more, **nodes: launched.update(more, nodes=nodes) or 1)
+    monkeypatch.setattr(train, "launch", lambda config, file, **nodes: launched.update(file=file, nodes=nodes) or 1)
     assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
-    assert launched["learner"]["quiet"] is True
+    assert read_sections(launched["file"])["/**/learner"]["quiet"] is True
     assert launched["nodes"] == {"composed": False}
     assert rkhs("train", CONFIG, "--runner", "composed", "--out", "other").code == 1
     assert launched["nodes"] == {"composed": True}

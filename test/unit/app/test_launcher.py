@@ -4,41 +4,36 @@ import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from itertools import count
+from pathlib import Path
 from types import CodeType, FrameType, SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
-from rkhs_ros.app.launcher import NodeProcess, _signals_passed_to, for_all
+from rkhs_ros.app.launcher import NodeProcess, _signals_passed_to, write_parameters
 from rkhs_ros.base.endings import deferred_signals
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import dumped, loaded
+from rkhs_ros.runs.config import config_for
 
-PARAMETERS = "/**/simulator: {ros__parameters: {environment: {id: x}}}\n/**/learner: {ros__parameters: {seed: 1}}\n"
+CONFIG = config_for("x", horizon=10)
 
 
 @pytest.mark.parametrize(
     "path", ["a #b", "a: b", "{x}", " trailing \n line ", "1e5", "on", "é \U0001f600 \\ \"'", "*a"]
 )
-def test_the_parameter_file_transports_any_path(path: str) -> None:
-    document = loaded(for_all(PARAMETERS, {"learner": {"output": path, "resume": True}}))
-    assert document["/**/learner"]["ros__parameters"] == {
-        "seed": 1,
-        "environment": {"id": "x"},
-        "output": path,
-        "resume": True,
-    }
-
-
-def test_the_parameter_file_contains_the_settings_of_all_nodes() -> None:
-    document = loaded(for_all(PARAMETERS))
+def test_the_parameter_file_transports_any_path_and_the_settings_of_all_nodes(tmp_path: Path, path: str) -> None:
+    file = write_parameters(CONFIG, tmp_path / "parameters.yaml", output=path, resume=True)
+    document = loaded(file.read_text())
     assert document["/**/simulator"]["ros__parameters"] == {"environment": {"id": "x"}}
-    assert document["/**/learner"]["ros__parameters"] == {"seed": 1, "environment": {"id": "x"}}
+    settings = loaded(dumped(CONFIG.parameters()))["/**/learner"]["ros__parameters"]
+    more = {"environment": {"id": "x"}, "output": path, "resume": True}
+    assert document["/**/learner"]["ros__parameters"] == settings | more
 
 
 @pytest.mark.parametrize("path", ["\udcff", "a\0b"])
-def test_a_path_that_is_no_ros_parameter_is_rejected(path: str) -> None:
+def test_a_path_that_is_no_ros_parameter_is_rejected(tmp_path: Path, path: str) -> None:
     with pytest.raises(ValueError, match=r"learner\.output: expected .*UTF-8 text"):
-        for_all(PARAMETERS, {"learner": {"output": path}})
+        write_parameters(CONFIG, tmp_path / "parameters.yaml", output=path)
 
 
 def test_an_interrupt_during_a_fork_is_not_lost() -> None:

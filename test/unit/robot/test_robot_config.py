@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.app.launcher import for_all
+from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.nodes.core.names import node_names
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
@@ -69,10 +69,10 @@ def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "run").exists()
 
 
-def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
+def test_all_nodes_of_a_robot_receive_their_parameters(tmp_path: Path) -> None:
     config = load_config(PENDULUM)
     assert node_names(config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
-    document = loaded(for_all(resolved(config)))
+    document = loaded(write_parameters(config, tmp_path / "parameters.yaml").read_text())
     robot = document["/**/robot"]["ros__parameters"]
     assert robot["simulated"] is True
     learner = document["/**/learner"]["ros__parameters"]
@@ -81,14 +81,16 @@ def test_all_nodes_of_a_robot_receive_their_parameters() -> None:
 
 
 @pytest.mark.parametrize("missing", ["simulated robot", "arms_itself"])
-def test_only_an_operator_ends_the_stops_of_a_real_robot(missing: str) -> None:
+def test_only_an_operator_ends_the_stops_of_a_real_robot(tmp_path: Path, missing: str) -> None:
     document = loaded(resolved(load_config(PENDULUM)))
     if missing == "arms_itself":
         del document["/**/gate"]["ros__parameters"]["arms_itself"]
     else:
         del document["/**/simulated_robot"]
-    robot = loaded(for_all(str(document)))["/**/robot"]["ros__parameters"]
-    assert robot["simulated"] is False
+    file = tmp_path / "parameters.yaml"
+    file.write_text(dumped(document))
+    written = loaded(write_parameters(load_config(file), file).read_text())
+    assert written["/**/robot"]["ros__parameters"]["simulated"] is False
 
 
 @pytest.mark.parametrize(
