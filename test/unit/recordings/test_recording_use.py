@@ -17,7 +17,7 @@ from test.unit.recordings.recorded_runs import ARRAYS, CONFIG, Robot, bag, longe
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[3]
-EXPLORE = ("model.updates=1", "model.rollouts=1", "evaluate_every=0", "iterations=1")
+EXPLORE = ("model.updates=1", "model.rollouts=2", "evaluate_every=0", "iterations=1")
 
 
 def exploring(episodes: int, *changes: str) -> Config:

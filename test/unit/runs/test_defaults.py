@@ -52,7 +52,7 @@ def test_the_command_line_and_the_library_have_the_same_defaults(horizon: Any, f
     small: dict[str, Any] = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0}
     changes = [f"{name}={value}" for name, value in small.items()]
     training = training_on(None, f"horizon={horizon}", f"model.form={form}", *changes)
-    model = "none" if form == "none" else ModelBased(updates=1, rollouts=1, centres=5)
+    model = "none" if form == "none" else ModelBased(updates=1, rollouts=2, centres=5)
     result = rkhs_ros.train("rkhs/Toy-v0", model=model, horizon=horizon, progress=False, **small)
     assert (result.policy.task.horizon, result.policy.task.discount) == (training.horizon, training.discount)
 
