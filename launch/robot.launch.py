@@ -19,7 +19,7 @@ from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.launching import nodes_of_run
+from rkhs_ros.nodes.core.launching import DEFAULTS, OF_ALL_NODES, nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 
@@ -28,9 +28,8 @@ ABOUT = {
     "output": "folder for the results and the robot's episodes",
     "resume": "true: resume the run in the output folder, if there is one",
     "simulated": "true: also start the simulated robot of the section /**/simulated_robot",
-    "namespace": "namespace of all nodes",
+    **OF_ALL_NODES,
 }
-DEFAULTS = {"resume": "false", "simulated": "false", "namespace": ""}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -38,9 +37,10 @@ def generate_launch_description() -> LaunchDescription:
 
     After a fault, resume the run with ``resume:=true``, and arm the gate again.
     """
+    defaults = {"resume": "false", "simulated": "false", **DEFAULTS}
     arguments = [
         DeclareLaunchArgument(
-            name, description=about, **({"default_value": DEFAULTS[name]} if name in DEFAULTS else {})
+            name, description=about, **({"default_value": defaults[name]} if name in defaults else {})
         )
         for name, about in ABOUT.items()
     ]
@@ -68,4 +68,4 @@ def nodes(context: LaunchContext) -> list[Action]:
         robot = {name: each for name, each in config.environment.nodes.items() if name != "simulated_robot"}
         config = replace(config, environment=replace(config.environment, nodes=robot))
     file = write_parameters(config, folder / "parameters.yaml", output=str(folder), resume=given["resume"] == "true")
-    return nodes_of_run(config.environment.nodes, file, given["namespace"])
+    return nodes_of_run(config.environment.nodes, file, given)

@@ -13,7 +13,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.launching import nodes_of_run
+from rkhs_ros.nodes.core.launching import DEFAULTS, OF_ALL_NODES, nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import new_folder
@@ -22,7 +22,7 @@ ABOUT = {
     "config": "parameter file, see config/",
     "output": "folder for the results; empty for results/NAME/TIME",
     "resume": "true: resume the run in the output folder, if there is one",
-    "namespace": "namespace of all nodes",
+    **OF_ALL_NODES,
 }
 
 
@@ -32,7 +32,8 @@ def generate_launch_description() -> LaunchDescription:
     After a fault, resume the run with ``resume:=true``.
     """
     share = FindPackageShare("rkhs_ros")
-    defaults = {"config": PathJoinSubstitution([share, "config", "pendulum_nac.yaml"]), "resume": "false"}
+    file = PathJoinSubstitution([share, "config", "pendulum_nac.yaml"])
+    defaults = {"config": file, "resume": "false", **DEFAULTS}
     arguments = [
         DeclareLaunchArgument(name, default_value=defaults.get(name, ""), description=about)
         for name, about in ABOUT.items()
@@ -54,4 +55,4 @@ def nodes(context: LaunchContext) -> list[Action]:
     folder = Path(given["output"]).expanduser() if given["output"] else new_folder(None, config.training.name)
     output = str(folder.resolve())
     file = write_parameters(config, folder / "parameters.yaml", output=output, resume=given["resume"] == "true")
-    return nodes_of_run((), file, given["namespace"])
+    return nodes_of_run((), file, given)

@@ -105,8 +105,8 @@ class Bench:
     def _is_answered(self, request: StartEpisodes.Request) -> bool:
         """Ask for an episode; return whether the nodes have met each other, and assert that they then accept."""
         response = self.probe.ask("start_episodes", request)
-        assert response.accepted or "no policy node subscribes" in response.message, response.message
-        return bool(response.accepted)
+        assert response.success or "no policy node subscribes" in response.message, response.message
+        return bool(response.success)
 
     def failed(self) -> str:
         """Return why the episode failed."""

@@ -25,7 +25,7 @@ class IdlePolicyNode:
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
         self.asked.append(request.policy.version)
-        response.accepted = len(self.asked) > self._refusals
+        response.success = len(self.asked) > self._refusals
         response.message = "expected another policy, got this one"
         return response
 

@@ -83,7 +83,7 @@ def node(start: Start, probe: Probe) -> Process:
     process = start("policy")
     probe.meet("action")
     probe.speak("observation")
-    probe.until(lambda: probe.ask("set_policy", set_policy_request(policy(0), 1)).accepted)
+    probe.until(lambda: probe.ask("set_policy", set_policy_request(policy(0), 1)).success)
     return process
 
 
@@ -101,7 +101,7 @@ def test_any_policy_acts_identically_over_topics_and_in_process(node: Process, p
         served = replace(policy(4, variance, inputs), noise=noise)
         assert policy_of(set_policy_request(served, number).policy).noise == noise
         response = probe.ask("set_policy", set_policy_request(served, number))
-        assert (response.accepted, response.message) == (True, "")
+        assert (response.success, response.message) == (True, "")
         acting = Acting(served, BATCH, explore=True)
         seen = np.random.default_rng(1).normal(size=(4, *SEEN.shape))
         for step in range(4):
@@ -112,7 +112,7 @@ def test_any_policy_acts_identically_over_topics_and_in_process(node: Process, p
 
 def test_a_policy_never_changes_within_a_batch(node: Process, probe: Probe) -> None:
     np.testing.assert_array_equal(answer(probe, observation(0))[1], expected(policy(0), 0))
-    assert probe.ask("set_policy", set_policy_request(policy(1), 2)).accepted
+    assert probe.ask("set_policy", set_policy_request(policy(1), 2)).success
     for message in (observation(1), observation(2), observation(3)):
         version, actions = answer(probe, message)
         assert version == 1
@@ -142,9 +142,9 @@ def test_observations_of_another_batch_get_no_answer_and_one_out_of_order_ends_t
 def test_a_policy_of_the_wrong_dimension_fails_and_the_next_one_acts(
     node: Process, probe: Probe, misfit: GaussianPolicy
 ) -> None:
-    assert probe.ask("set_policy", set_policy_request(misfit, 2)).accepted  # it was not yet seen what is observed
+    assert probe.ask("set_policy", set_policy_request(misfit, 2)).success  # it was not yet seen what is observed
     assert failure(probe, observation(0, version=2)).startswith("the policy cannot act: ")
-    assert probe.ask("set_policy", set_policy_request(policy(0), 3)).accepted
+    assert probe.ask("set_policy", set_policy_request(policy(0), 3)).success
     version, actions = answer(probe, observation(0, batch=2, version=3))
     assert version == 3
     np.testing.assert_array_equal(actions, expected(policy(0), 0))
@@ -192,7 +192,7 @@ REFUSED = {  # the tests of messages have the others
 def test_after_a_refused_policy_the_old_one_stays_in_service(node: Process, probe: Probe) -> None:
     for batch, (name, reason) in enumerate(REFUSED.items(), 1):
         response = probe.ask("set_policy", spoil(name))
-        assert not response.accepted, name
+        assert not response.success, name
         assert reason in response.message
         version, actions = answer(probe, observation(0, batch=batch))
         assert version == 1
@@ -210,5 +210,5 @@ def test_a_saved_policy_is_served_without_exploration_noise(start: Start, probe:
         done[:, step] = saved.mean(points)
         np.testing.assert_array_equal(answer(probe, observation(step, version=0))[1], done[:, step])
     response = probe.ask("set_policy", set_policy_request(policy(0), 1))
-    assert not response.accepted
+    assert not response.success
     assert "file" in response.message

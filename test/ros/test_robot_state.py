@@ -49,7 +49,7 @@ def begin(start: Start, probe: Probe, *parameters: str) -> None:
 def play(probe: Probe, batch: int) -> None:
     numbers = {"batch": batch, "policy_version": 1, "seed": 3, "first_episode": 5, "num_envs": 2, "horizon": 1}
     request = StartEpisodes.Request(environment=TASK, options="{}", explore=True, **numbers)
-    probe.until(lambda: probe.ask("start_episodes", request).accepted)  # once the nodes have met
+    probe.until(lambda: probe.ask("start_episodes", request).success)  # once the nodes have met
     probe.say("action", Action(batch=batch, step=0, policy_version=1, actions=array("d", ACTIONS.ravel())))
     probe.until(lambda: [m for m in probe.heard["episodes"] if m.batch == batch] != [])
 

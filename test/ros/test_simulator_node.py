@@ -39,7 +39,7 @@ def seen(probe: Probe) -> dict[int, np.ndarray]:
 
 
 def begin(probe: Probe, batch: int = 9) -> None:
-    probe.until(lambda: probe.ask("start_episodes", request(batch)).accepted)  # once the nodes have met
+    probe.until(lambda: probe.ask("start_episodes", request(batch)).success)  # once the nodes have met
     probe.until(lambda: probe.heard["observation"][-1:] != [] and probe.heard["observation"][-1].batch == batch)
 
 
@@ -118,7 +118,7 @@ def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator
 
 
 def test_a_silent_policy_node_ends_the_simulator(simulator: Process, probe: Probe) -> None:
-    probe.until(lambda: probe.ask("start_episodes", request(timeout=0.5)).accepted)
+    probe.until(lambda: probe.ask("start_episodes", request(timeout=0.5)).success)
     code, _, err = simulator.finish()
     assert (code, err) == (75, "error: the policy node did not act within 0.5 s\n")
 
@@ -135,7 +135,7 @@ def test_a_refused_request_does_not_affect_the_running_batch(simulator: Process,
     begin(probe)
     for step, (changes, reason) in enumerate(REFUSED):
         response = probe.ask("start_episodes", request(10, **changes))
-        assert not response.accepted
+        assert not response.success
         assert reason in response.message
         probe.say("action", action(step))
         probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step

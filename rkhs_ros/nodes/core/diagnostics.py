@@ -67,7 +67,7 @@ class Diagnostics:
         """
         try:
             yield
-            response.accepted = True
+            response.success = True
         except (ValueError, TypeError) as error:
             response.message = str(error)
             self.refuse(f"{what}: {error}")

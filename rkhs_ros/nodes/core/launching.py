@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from launch.action import Action
@@ -11,26 +11,38 @@ from launch.events.process import ProcessExited
 from launch.launch_context import LaunchContext  # not from launch, which mypy takes for the folder of that name
 from launch_ros.actions import Node
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.names import node_names
 
 OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
+OF_ALL_NODES = {  # arguments of every launch file
+    "namespace": "namespace of all nodes",
+    "log_level": "log level of all nodes: debug, info, warn, error or fatal",
+    "use_sim_time": "true: take time stamps from /clock",
+}
+DEFAULTS = {"namespace": "", "log_level": "info", "use_sim_time": "false"}
 
 
-def nodes_of_run(robot: Collection[str], parameters: Path, namespace: str) -> list[Action]:
+def nodes_of_run(robot: Collection[str], parameters: Path, given: Mapping[str, str]) -> list[Action]:
     """Return the nodes of a run, all of which exit with the first one that exits.
 
     Args:
         robot: names of the nodes that replace the simulator.
         parameters: parameter file of all nodes.
-        namespace: namespace of all nodes.
+        given: values of the arguments `OF_ALL_NODES`.
+
+    Raises:
+        ValueError: a value is invalid.
     """
+    require(given["use_sim_time"] in ("true", "false"), "use_sim_time", "true or false", given["use_sim_time"])
     return [
         Node(
             package="rkhs_ros",
             executable=name,
-            namespace=namespace,
+            namespace=given["namespace"],
             output="screen",
-            parameters=[str(parameters)],
+            parameters=[str(parameters), {"use_sim_time": given["use_sim_time"] == "true"}],
+            ros_arguments=["--log-level", given["log_level"]],
             on_exit=_learner_ended if name == "learner" else _server_ended(name),
         )
         for name in node_names(robot)

@@ -61,6 +61,7 @@ def robot_observation_message(
 ) -> msg.Observation:
     """Return the robot's message after ``step`` steps of an episode."""
     return msg.Observation(
+        stamp=Time(nanoseconds=episode.stamp).to_msg(),
         batch=identity,
         policy_version=version,
         step=step,

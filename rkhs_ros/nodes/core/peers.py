@@ -133,7 +133,7 @@ class Peers:
             SilentError: no answer arrived in time.
         """
         deadline = time.monotonic() + CONNECTION_S
-        while not (response := ask()).accepted:
+        while not (response := ask()).success:
             if time.monotonic() > deadline:
                 raise ValueError(f"the {name} node refused: {response.message}")
             self.rest(SIGNAL_CHECK_S)

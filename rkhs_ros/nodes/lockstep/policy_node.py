@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from builtin_interfaces.msg import Time
+
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
@@ -41,7 +43,7 @@ class SimulatorTopics:
         diagnostics = self._node.diagnostics
         match self._reply(message):
             case Answer() as answer:
-                self._publish(answer)
+                self._publish(answer, message.stamp)
                 diagnostics.stuck = ""
                 diagnostics.steps += 1
             case Ignored(reason):
@@ -52,8 +54,9 @@ class SimulatorTopics:
                 failed.failure = f"the policy cannot act: {reason}"
                 self._actions.publish(failed)
 
-    def _publish(self, answer: Answer) -> None:
+    def _publish(self, answer: Answer, stamp: Time) -> None:
         message = self._action
+        message.stamp = stamp
         message.batch, message.policy_version, message.step = answer.identity, answer.version, answer.step
         message.actions = doubles(answer.actions)
         self._actions.publish(message)

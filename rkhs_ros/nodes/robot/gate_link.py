@@ -17,7 +17,6 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before the node exits
-DISARMED, STOPPED = "disarmed", "stopped"
 
 
 class GateLink:
@@ -61,9 +60,9 @@ class GateLink:
             return "no gate is running"
         if self._is_silent:
             return f"the gate did not report a command within {self._timeout:g} s (stale_after)"
-        if self._state.state == DISARMED:
+        if self._state.state == GateState.DISARMED:
             return "the gate is not armed"
-        if self._state.state == STOPPED:
+        if self._state.state == GateState.STOPPED:
             return f"the gate stopped the robot ({truncated(self._state.reason)})"
         return ""
 
