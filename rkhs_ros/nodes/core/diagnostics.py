@@ -88,6 +88,8 @@ class Diagnostics:
             raise
 
     def _report_state(self) -> None:
+        if time.monotonic() - self._reported_at < REPORT_PERIOD_S / 2:
+            return  # a timer that was late fires again soon, but rates need time
         self._check_publishers()
         self._publish(*self._state())
 
