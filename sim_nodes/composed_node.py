@@ -15,7 +15,7 @@ def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
     policy = PolicyNode()
     try:
         open_node(policy)
-        serve_together([simulator, policy], stop.is_set)
+        serve_together([simulator, policy], stop)
     finally:
         policy.destroy_node()
 

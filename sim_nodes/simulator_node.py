@@ -16,7 +16,6 @@ from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.arguments import require_section
-from rkhs_ros.nodes.core.clocks import STEADY
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import (
     LOCKSTEP_QOS,
@@ -27,7 +26,7 @@ from rkhs_ros.nodes.core.messages import (
 )
 from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
 from rkhs_ros.nodes.core.publishers import is_answered
-from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode, run, serve
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -73,7 +72,6 @@ class SimulatorNode(ReportingNode):
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, self._report, ["action"])
-        self.create_timer(SIGNAL_CHECK_S, self._check_policy, clock=STEADY)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
@@ -84,9 +82,16 @@ class SimulatorNode(ReportingNode):
         self._made.close()
         super().destroy_node()
 
-    def _check_policy(self) -> None:
-        if self._newest is not None and 0 < self._timeout < time.monotonic() - self._published_at:
-            self.error = SilentError(f"the policy node did not act within {self._timeout:g} s")
+    def heartbeat(self) -> float:
+        """Publish the status if due; return the seconds until the next one.
+
+        Raises:
+            SilentError: the policy node did not act in time.
+        """
+        now = time.monotonic()
+        if self._newest is not None and 0 < self._timeout < now - self._published_at:
+            raise SilentError(f"the policy node did not act within {self._timeout:g} s")
+        return self.diagnostics.heartbeat()
 
     def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
         require_known(tree, "environment")

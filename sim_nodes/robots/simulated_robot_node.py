@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
-from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.clocks import now_by_both_clocks
@@ -17,7 +16,7 @@ from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.publishers import SinglePublishers
-from rkhs_ros.nodes.core.spin import Alarm, ReportingNode, run, serve_together
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.hardware import Hardware, Sample
 from sim_nodes.robots.robot import SECOND_PUBLISHER
@@ -61,10 +60,9 @@ class SimulatedRobotNode(ReportingNode):
         self.diagnostics = Diagnostics(self, self._report)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
         self._begin, self._begin_ns = now_by_both_clocks()
-        self._alarm = Alarm(self, self._advance)
         self.get_logger().info(f"{name} is running, at {self._speed:g} times real time")
 
-    def _advance(self) -> float:
+    def heartbeat(self) -> float:
         """Advance the robot and publish the readings of its sensors; return the seconds until its next event."""
         now = self._now()
         for sample in self._hardware.advance(now):
@@ -73,10 +71,10 @@ class SimulatedRobotNode(ReportingNode):
         self.diagnostics.stuck = self._topics.robot.state.protection.reason
         self._check_commands()
         wait = max(self._hardware.next_event() - self._now(), 0.0) / self._speed
-        return min(wait, REPORT_PERIOD_S)
+        return min(wait, self.diagnostics.heartbeat(), REPORT_PERIOD_S)
 
     def may_end(self) -> bool:
-        """Return whether the senders of commands have exited: they need the sensors to bring the robot to rest."""
+        """Wait until the senders of commands have exited: they need the sensors to bring the robot to rest."""
         now = time.monotonic()
         self._end_at = min(self._end_at, now + LEFT_TIMEOUT_S)
         is_left = not any(self.count_publishers(topic) for topic in self._topics.command_topics)
@@ -92,7 +90,6 @@ class SimulatedRobotNode(ReportingNode):
 
     def _command(self, command: Any) -> None:
         self._hardware.send(self._now(), command)
-        self._alarm.ring()  # the command may arrive before the next event
 
     def _check_commands(self) -> None:
         """Stop if commands have two publishers; publish violations at once, and other changes periodically."""
@@ -135,11 +132,7 @@ class SimulatedRobotNode(ReportingNode):
 
 def main() -> None:
     """Run the node of a simulated robot."""
-
-    def work(node: SimulatedRobotNode, stop: Stop) -> None:
-        serve_together([node], lambda: stop.is_set() and node.may_end())
-
-    run(SimulatedRobotNode, "simulated_robot", work)
+    run(SimulatedRobotNode, "simulated_robot", serve)
 
 
 if __name__ == "__main__":

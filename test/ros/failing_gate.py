@@ -6,8 +6,8 @@ import numpy as np
 from rclpy.executors import Executor
 from std_msgs.msg import String
 
-from rkhs_ros.nodes.core.spin import PeerError, run
-from rkhs_ros.nodes.robot.gate_node import GateNode, guard
+from rkhs_ros.nodes.core.spin import PeerError, run, serve
+from rkhs_ros.nodes.robot.gate_node import GateNode
 from rkhs_ros.robot.motion import Setpoint
 
 
@@ -20,9 +20,9 @@ class FailingGate(GateNode):
         self._fault = ""
         self.create_subscription(String, "fail", self._fail, 1)
 
-    def proceed(self) -> float:
+    def heartbeat(self) -> float:
         """Send what is due, and fail again and again where the fault stays."""
-        wait = super().proceed()
+        wait = super().heartbeat()
         if self._fault == "check":
             raise PeerError("expected one gate node, got an older one that is already running")
         if self._fault == "exits":
@@ -43,4 +43,4 @@ class FailingGate(GateNode):
 
 
 if __name__ == "__main__":
-    run(FailingGate, "gate", guard)
+    run(FailingGate, "gate", serve)

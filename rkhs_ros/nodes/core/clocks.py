@@ -1,11 +1,7 @@
-"""The clock of timers, and conversion between the monotonic clock and the system clock."""
+"""Conversion between the monotonic clock and the system clock."""
 
 import time
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers: the clock of the node may jump, or stand still
 READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
 QUICK_S = 2e-5  # duration of a reading without preemption
 

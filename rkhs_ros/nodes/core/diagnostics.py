@@ -11,7 +11,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from rkhs_ros.nodes.core.clocks import STEADY
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
@@ -46,10 +45,9 @@ class Diagnostics:
         self._node = node
         self._report = report
         self._host = socket.gethostname()
-        self._reported_at = time.monotonic()
+        self._due = self._reported_at = time.monotonic()
         self._refusals_reported = self._steps_reported = 0
         self._reports = node.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
-        node.create_timer(REPORT_PERIOD_S, self._report_state, clock=STEADY)
 
     def refuse(self, reason: str) -> None:
         """Count a refused message, and log why."""
@@ -77,6 +75,15 @@ class Diagnostics:
         self.ignored += 1
         self.last_refusal = reason
 
+    def heartbeat(self) -> float:
+        """Report once a second; return the seconds until the next report."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._check_publishers()
+            self._publish(*self._state())
+            self._due = now + REPORT_PERIOD_S
+        return self._due - now
+
     @contextmanager
     def errors_reported(self) -> Iterator[None]:
         """Report the error that ends the node, if there is one."""
@@ -86,12 +93,6 @@ class Diagnostics:
             self._publish(DiagnosticStatus.ERROR, f"exits: {error}")
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
-
-    def _report_state(self) -> None:
-        if time.monotonic() - self._reported_at < REPORT_PERIOD_S / 2:
-            return  # a timer that was late fires again soon, but rates need time
-        self._check_publishers()
-        self._publish(*self._state())
 
     def _check_publishers(self) -> None:
         before, self.crowded = self.crowded, self._publishers.crowded()

@@ -63,7 +63,7 @@ class Peers:
             left = deadline - time.monotonic()
             if left <= 0:
                 return False
-            wait = min(left, SIGNAL_CHECK_S)  # new peers do not wake the executor either
+            wait = min(left, SIGNAL_CHECK_S, self._node.heartbeat())  # new peers do not wake the executor either
             with _interrupts_held():
                 self._executor.spin_once(timeout_sec=wait)
             if self.stop.is_set():

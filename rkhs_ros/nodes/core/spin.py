@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import signal
 import socket
@@ -10,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
+from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, TypeVar
 
@@ -31,7 +33,6 @@ from rkhs_ros.base.streams import tolerate_lost_stderr
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import check_arguments
-from rkhs_ros.nodes.core.clocks import STEADY
 from rkhs_ros.nodes.core.names import in_one_line
 from rkhs_ros.nodes.core.parameters import declare
 from rkhs_ros.nodes.core.transport import by_udp
@@ -40,12 +41,13 @@ if TYPE_CHECKING:
     from rkhs_ros.nodes.core.diagnostics import Diagnostics
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # they would end or suspend a gate whose robot moves
+IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # SIGTSTP would suspend a node that others wait for
 CLOCK = "use_sim_time"
 SIGNAL_CHECK_S = 0.1  # between checks for a signal
 MOST_ENDING_S = (
     10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end the process
 )
+RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
 LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AnyNode = TypeVar("AnyNode", bound=Node)
@@ -60,7 +62,7 @@ class StoppedError(BaseException):
 
 
 class ReportingNode(Node):
-    """A node that reports its status.
+    """A node that reports its status, and has periodic work between messages.
 
     Args:
         name: of the node.
@@ -77,7 +79,6 @@ class ReportingNode(Node):
         super().__init__(
             name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
         )
-        self.error: RunError | None = None  # of a timer; ends the process without a traceback from the executor
         self._fix_clock()
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
         self._claim = socket.socket(socket.AF_UNIX)
@@ -127,42 +128,55 @@ class ReportingNode(Node):
         self._rosout.publish(Log(stamp=stamp, level=Log.FATAL, name=self.get_name(), msg=reason))
         self._rosout.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
 
+    def heartbeat(self) -> float:
+        """Do the periodic work that is due, such as the status report; return the seconds until more may be due."""
+        raise NotImplementedError
 
-class Alarm:
-    """A timer that calls a function whenever that is due.
-
-    Args:
-        node: the node that has the work.
-        work: does the work that is due, and returns the seconds until more may be due.
-    """
-
-    def __init__(self, node: Node, work: Callable[[], float]) -> None:
-        self._work = work
-        self._timer = node.create_timer(0.001, self.ring, clock=STEADY)
-
-    def ring(self) -> None:
-        """Do the work that is due; call it after an event that may have changed what is due."""
-        self._timer.timer_period_ns = max(round(1e9 * min(self._work(), SIGNAL_CHECK_S)), 1)
-        self._timer.reset()
+    def may_end(self) -> bool:
+        """Prepare for the exit of the process; return whether the node is ready to exit."""
+        return True
 
 
 def serve(node: ReportingNode, stop: Stop) -> None:
     """Handle a node's messages until `stop` is set."""
-    serve_together([node], stop.is_set)
+    serve_together([node], stop)
 
 
-def serve_together(nodes: Sequence[ReportingNode], may_end: Callable[[], bool]) -> None:
-    """Handle the messages of nodes that share a process until they may end; an error of one ends all."""
+def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
+    """Handle the messages of nodes that share a process until `stop` is set; an error of one ends all.
+
+    In any case, each node first brings its robot to rest.
+    """
     executor = EventsExecutor()
     with ExitStack() as reports:
         for node in nodes:
             executor.add_node(node)
             reports.enter_context(node.diagnostics.errors_reported())
-        while not may_end():
-            executor.spin_once(timeout_sec=SIGNAL_CHECK_S)
-            for node in nodes:
-                if node.error:
-                    raise node.error
+        try:
+            while not (stop.is_set() and all(node.may_end() for node in nodes)):
+                executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
+        except BaseException:
+            _bring_to_rest(nodes, executor)
+            raise
+
+
+def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> None:
+    """Continue until all nodes may exit, although something failed and may fail again."""
+    deadline = time.monotonic() + MOST_ENDING_S
+    work: list[Callable[[], object]] = [node.heartbeat for node in nodes]
+    work.append(partial(executor.spin_once, timeout_sec=RETRY_S))
+    while not all(_tried(node.may_end) for node in nodes) and time.monotonic() < deadline:
+        for do in work:
+            _tried(do)
+
+
+def _tried(do: Callable[[], object]) -> object:
+    """Call a function and return its result; None if it fails."""
+    try:
+        return do()
+    except BaseException:  # including SystemExit: nothing may end a process that still moves a robot
+        time.sleep(RETRY_S)  # so that a function that keeps failing does not occupy the processor
+        return None
 
 
 def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
@@ -239,6 +253,8 @@ def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> N
     try:
         if isinstance(node, ReportingNode):
             open_node(node)
+        gc.collect()
+        gc.freeze()  # so that the collector does not traverse imported modules between messages
         work(node, stop)
     except (ValueError, RunError, OSError) as error:
         if isinstance(node, ReportingNode):

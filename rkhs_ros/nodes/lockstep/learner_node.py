@@ -71,6 +71,10 @@ class LearnerNode(ReportingNode):
         declare(self, [Entry("environment.id", environment.id, {"description": about})])
         return environment
 
+    def heartbeat(self) -> float:
+        """Publish the status, progress and heartbeats that are due; return the seconds until the next ones."""
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.progress.heartbeat())
+
 
 def draw_nothing(folder: Path) -> None:
     """Draw no figures: `rkhs train`, which starts the node, draws them itself."""

@@ -112,6 +112,10 @@ class PolicyNode(ReportingNode):
         source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
         self.get_logger().info(f"ready {source}")
 
+    def heartbeat(self) -> float:
+        """Publish the status if due; return the seconds until the next one."""
+        return self.diagnostics.heartbeat()
+
     def _report(self) -> dict[str, object]:
         last, version = self._simulator.session.last, self.served.version if self.served else 0
         return {"serving version": version, "batch": last.identity if last else 0, "step": last.step if last else "-"}

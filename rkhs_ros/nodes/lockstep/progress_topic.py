@@ -1,5 +1,6 @@
 """The topic ``progress`` of a learner, from which viewers draw the learning curve."""
 
+import time
 from array import array
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,7 +12,6 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.nodes.core.clocks import STEADY
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.runs.curve import BEGINNING, Curve, seconds_left
 
@@ -36,7 +36,7 @@ class ProgressTopic:
         self._folder = Path()
         self._publisher = node.create_publisher(LearningProgress, "progress", LATCHED_QOS)
         self._rows: Sequence[Row] | None = None
-        node.create_timer(PERIOD_S, self._publish, clock=STEADY)
+        self._due = 0.0  # monotonic time, seconds
 
     def begin(self, folder: Path) -> None:
         """Set the folder of the results, and publish the progress so far."""
@@ -48,6 +48,16 @@ class ProgressTopic:
     def offer(self, rows: Sequence[Row]) -> None:
         """Set the learning curve so far; it replaces an unpublished one."""
         self._rows = rows
+
+    def heartbeat(self) -> float:
+        """Publish a due message; return the seconds until the next one may be due."""
+        now = time.monotonic()
+        if self._rows is None:
+            return PERIOD_S
+        if now >= self._due:
+            self._due = now + PERIOD_S
+            self._publish()
+        return self._due - now
 
     def close(self) -> None:
         """Publish the pending message, and wait until subscribers have received it."""

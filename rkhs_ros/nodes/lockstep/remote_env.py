@@ -77,6 +77,10 @@ class RemoteNode(ReportingNode):
         self.create_subscription(Observation, "observation", hear, LOCKSTEP_QOS)  # before the link's clients, see there
         self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs=1)
 
+    def heartbeat(self) -> float:
+        """Publish the status, and heartbeats to a robot, if due; return the seconds until the next ones."""
+        return min(self.diagnostics.heartbeat(), self.link.heartbeat())
+
     def close(self) -> None:
         """Destroy the node and its context."""
         if self.context.ok():

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -19,7 +20,7 @@ from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.core.names import fresh_number
 from rkhs_ros.nodes.core.peers import Peers
-from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, Alarm, PeerError
+from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError
 from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
@@ -65,6 +66,7 @@ class SimulatorLink:
         self._is_vetoable = False  # whether the requested batch has ended, but may still be vetoed
         self._completed: dict[int, Batch] = {}  # batches that may still be vetoed, by the numbers of their requests
         self._logged = ""  # what the robot last waited for
+        self._alive_at = 0.0  # monotonic time of the next heartbeat, seconds
         self._namespace = namespace
         self._node = node
         self._peers = peers
@@ -72,7 +74,6 @@ class SimulatorLink:
         # Before the clients: a node that can answer a client has discovered what was created before it.
         node.create_subscription(EpisodesMessage, f"{namespace}episodes", self._hear, LOCKSTEP_QOS)
         self._alive = node.create_publisher(Empty, f"{namespace}learner_alive", LOCKSTEP_QOS)
-        Alarm(node, self._show_alive)
         self._start = node.create_client(StartEpisodes, f"{namespace}start_episodes")
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
 
@@ -144,16 +145,20 @@ class SimulatorLink:
         if self._failure is not None:
             raise self._failure
 
+    def heartbeat(self) -> float:
+        """Send a due heartbeat to a robot that runs episodes; return the seconds until the next one."""
+        if not (self.is_robot and self.batch is not None and self.finished is None):
+            return SIGNAL_CHECK_S
+        now, period = time.monotonic(), self.task.learner_timeout / HEARTBEATS
+        if now >= self._alive_at:
+            self._alive.publish(Empty())
+            self._alive_at = now + period
+        return min(self._alive_at - now, SIGNAL_CHECK_S)
+
     @property
     def has_news(self) -> bool:
         """Whether the batch has ended or failed, or episodes are to be recorded."""
         return self.finished is not None or self._failure is not None or bool(self.ended)
-
-    def _show_alive(self) -> float:
-        """Send a heartbeat to a robot that runs episodes; return the seconds until the next one."""
-        if self.is_robot and self.batch is not None and self.finished is None:
-            self._alive.publish(Empty())
-        return self.task.learner_timeout / HEARTBEATS if self.is_robot else SIGNAL_CHECK_S
 
     def _ask_for_task(self) -> DescribeTask.Response:
         request = DescribeTask.Request(num_envs=self._num_envs)

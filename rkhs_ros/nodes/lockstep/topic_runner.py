@@ -75,6 +75,10 @@ class TopicRunner:
         """Return how many of the environments, up to the size of the coming batches, can run in parallel."""
         return min(num_envs, self._simulator.task.capacity)
 
+    def heartbeat(self) -> float:
+        """Send due heartbeats to a robot; return the seconds until the next one."""
+        return self._simulator.heartbeat()
+
     def report(self) -> dict[str, object]:
         """Return the diagnostics values of policy and batch."""
         return {"serving version": self._policy.version, "batch": self._simulator.request.batch}

@@ -2,7 +2,6 @@
 
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -14,7 +13,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
-from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import require_section
@@ -23,7 +21,7 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.nodes.core.parameters import declare, given
 from rkhs_ros.nodes.core.publishers import UNKNOWN, full_name, listed
 from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
-from rkhs_ros.nodes.core.spin import Alarm, ReportingNode, run, serve_together
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,
     JointStates,
@@ -45,7 +43,7 @@ from rkhs_ros.robot.gate import (
     stopped_by_operator,
     ticked,
 )
-from rkhs_ros.robot.gate_settings import LONGEST_END_S, GateSettings, require_own_topic, rules
+from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.motion import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
@@ -55,7 +53,6 @@ LATE = 2  # periods between two ticks above which a tick counts as missed
 STATE = "gate/state"
 MOST_FAILURES = 3  # of successive ticks, after which the gate can no longer bring the robot to rest
 RETRY_S = 1.0  # between attempts of a gate to arm itself
-FAILURE_RETRY_S = 0.001  # before retrying what failed while the gate brings its robot to rest
 SIMULATED = "simulated_robot"  # the node that may receive the commands of a gate that arms itself
 HARDWARE_QOS = QoSProfile(depth=1)
 
@@ -121,17 +118,16 @@ class GateNode(ReportingNode):
         self._open_topics()
         self.diagnostics = Diagnostics(self, self._report, ["command", self._settings.command.topic])
         self._turn(self._state)
-        Alarm(self, self.proceed)
         self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing until then")
 
-    def proceed(self) -> float:
-        """Send a due output to the hardware; return the seconds until the next one."""
+    def heartbeat(self) -> float:
+        """Send a due output to the hardware, and report; return the seconds until the next output."""
         now = time.monotonic()
         if now >= self._state.due:
             self._tick(now)
             if self._settings.arms_itself:
                 self._arm_itself(now)
-        return self._state.due - time.monotonic()
+        return max(min(self.diagnostics.heartbeat(), self._state.due - time.monotonic()), 0.0)
 
     def may_end(self) -> bool:
         """Stop the robot before the process exits; return whether it is at rest, or cannot come to rest in time."""
@@ -308,36 +304,9 @@ def _is_simulated(name: str) -> bool:
     return name == SIMULATED or (name.startswith("_") and name != UNKNOWN)
 
 
-def guard(node: GateNode, stop: Stop) -> None:
-    """Handle the gate's messages until `stop` is set; however that ends, first bring the robot to rest."""
-    try:
-        serve_together([node], lambda: stop.is_set() and node.may_end())
-    except BaseException:
-        _bring_to_rest(node)
-        raise
-
-
-def _bring_to_rest(node: GateNode) -> None:
-    """Continue until the node may exit, although something failed and may fail again."""
-    deadline = time.monotonic() + LONGEST_END_S + 1.0
-    while not _tried(node.may_end) and time.monotonic() < deadline:
-        _tried(node.proceed)
-        if node.executor is not None:
-            _tried(partial(node.executor.spin_once, timeout_sec=FAILURE_RETRY_S))
-
-
-def _tried(do: Callable[[], object]) -> object:
-    """Call a function and return its result; None if it fails."""
-    try:
-        return do()
-    except BaseException:  # including SystemExit: nothing may end a process that still moves a robot
-        time.sleep(FAILURE_RETRY_S)  # so that a function that keeps failing does not occupy the processor
-        return None
-
-
 def main() -> None:
     """Run the gate node."""
-    run(GateNode, "gate", guard)
+    run(GateNode, "gate", serve)
 
 
 if __name__ == "__main__":

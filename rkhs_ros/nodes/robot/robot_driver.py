@@ -9,7 +9,7 @@ from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, robot_observation_message
-from rkhs_ros.nodes.core.spin import Alarm, ReportingNode
+from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.robot.gate_link import GateLink
 from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
 from rkhs_ros.nodes.robot.simulated_robot_link import SimulatedRobotLink
@@ -44,10 +44,7 @@ class EpisodeDriver:
         paused: whether the operator wants no further episode to start.
         waiting: what the operator has to do; empty if nothing.
         sensors: the subscribed sensor topics.
-        alarm: rings when `proceed` is due; set by the node.
     """
-
-    alarm: Alarm
 
     def __init__(
         self, node: ReportingNode, task: RobotTask, *, arms: bool, ended: Callable[[RobotEpisode], None]
@@ -255,7 +252,6 @@ class EpisodeDriver:
         command = episode.act(message.step, action, time.monotonic())
         if command is not None:
             self._sent = (self._gate.send(command, stamp), message.step)
-        self.alarm.ring()
 
     def _hear_report(self, number: int, executed: Array, flags: int) -> None:
         if self.episode is not None and number == self._sent[0]:

@@ -18,7 +18,7 @@ from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.publishers import is_answered
-from rkhs_ros.nodes.core.spin import Alarm, ReportingNode, run, serve
+from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.robot.clock import StepTiming
@@ -63,7 +63,6 @@ class RobotNode(ReportingNode):
         self._timing, self._misses, self._discarded = StepTiming(), 0, 0
         self.diagnostics = Diagnostics(self, self._report, ["action", "gate/report"])
         self._motion = EpisodeDriver(self, self._task, arms=arms, ended=self._ended)
-        self._alarm = self._motion.alarm = Alarm(self, self._advance)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -77,25 +76,28 @@ class RobotNode(ReportingNode):
         self.create_service(Trigger, "~/veto", self._veto)
         self.create_service(SetBool, "~/pause", self._pause)
 
-    def _advance(self) -> float:
-        """Process due events; return the seconds until the next one."""
+    def heartbeat(self) -> float:
+        """Process due events; return the seconds until the next one.
+
+        Raises:
+            SilentError: the policy node did not act in time.
+        """
         now = time.monotonic()
         if self._held is not None and now >= self._held[1]:
             self._release()
         due = self._proceed(now) if self._held is None else self._held[1]
         if due - now < CALM_S:
-            return due - time.monotonic()
+            return max(due - time.monotonic(), 0.0)
         self._motion.sensors.heartbeat(now)
         self.diagnostics.waiting = self._motion.waiting
-        return due - time.monotonic()
+        return max(min(self.diagnostics.heartbeat(), due - time.monotonic()), 0.0)
 
     def _proceed(self, now: float) -> float:
         """Continue the episode; if that fails, discard it and report the reason to the learner."""
         try:
             return self._motion.proceed(now)
-        except SilentError as error:
-            self.error = error  # ends the run, which can be resumed
-            return now
+        except SilentError:
+            raise  # ends the run, which can be resumed
         except RunError as error:
             self._failure = self.diagnostics.stuck = f"{self._task.task}: {error}"
             self._motion.discard(str(error))
@@ -129,7 +131,6 @@ class RobotNode(ReportingNode):
         self._motion.discard("another episode was requested")
         self._request, self._failure, self.diagnostics.stuck = request, "", ""
         self._motion.begin(batch, request.batch, request.policy_version, request.timeout)
-        self._alarm.ring()
 
     def _hear_learner(self, message: Empty) -> None:
         self._motion.alive_at = time.monotonic()
@@ -171,7 +172,6 @@ class RobotNode(ReportingNode):
 
     def _go_on(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._motion.confirm()
-        self._alarm.ring()
         response.success = True
         return response
 
