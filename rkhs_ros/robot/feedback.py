@@ -84,7 +84,7 @@ def _jump(limits: Limits, before: Sensed, after: Sensed) -> Array:
     """
     seconds, change = after.stamp - before.stamp, after.position - before.position
     way = change - 2 * np.pi * np.round(change / (2 * np.pi))
-    fastest = np.fmax(np.nan_to_num(np.abs(before.velocity)), np.nan_to_num(np.abs(after.velocity)))
+    fastest = np.fmax(np.fmax(np.abs(before.velocity), np.abs(after.velocity)), 0.0)  # fmax ignores missing values
     if limits.kind != EFFORT:
         fastest = np.maximum(fastest, _commanded_speed(limits))
     return np.where(np.abs(way) > NOISE + IMPLIED * fastest * seconds, np.sign(way), 0.0)

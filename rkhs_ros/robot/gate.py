@@ -180,7 +180,7 @@ def _anchored(state: Gate) -> Gate:
 def _timed_rest(state: Gate, rules: Rules, now: float) -> Gate:
     """Record since when the robot has been at rest; reset when it moves."""
     since = min(state.rest_since, now) if _is_still(state, rules, now) else np.inf
-    return replace(state, rest_since=since)
+    return state if since == state.rest_since else replace(state, rest_since=since)
 
 
 def _is_still(state: Gate, rules: Rules, now: float) -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class Rules:
         blind = self.stale_after == np.inf
         require(not (blind and self.fields), "sensor", f"a topic with {', '.join(self.fields)}", "none")
 
-    @property
+    @cached_property
     def fields(self) -> list[str]:
         """Quantities that must be sensed."""
         to_hold = {POSITION: {POSITION}, VELOCITY: set(), EFFORT: {POSITION, VELOCITY}}[self.limits.kind]

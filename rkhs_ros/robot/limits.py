@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -121,7 +122,7 @@ class SensedLimits:
             _require_magnitudes(getattr(self, name), f"sensed.{name}")
         _require_order(self.minimum, self.maximum, "sensed")
 
-    @property
+    @cached_property
     def fields(self) -> set[str]:
         """Quantities that must be sensed to check these limits."""
         ranges = {POSITION: np.array([-self.minimum, self.maximum]), VELOCITY: self.velocity, EFFORT: self.effort}

@@ -145,7 +145,8 @@ def serve(node: ReportingNode, stop: Stop) -> None:
 def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
     """Handle the messages of nodes that share a process until `stop` is set; an error of one ends all.
 
-    In any case, each node first brings its robot to rest.
+    In any case, each node first brings its robot to rest. Periodic work is done between messages rather than by timers
+    of the executor: on a busy machine, 1 % of a gate's ticks were more than 3.5 ms late, with timers 16 ms.
     """
     executor = EventsExecutor()
     with ExitStack() as reports:
