@@ -16,7 +16,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import Draws, ModelRunner
 from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.model_based.training_in_model import fit_model, reward_margin
+from rkhs_ros.learning.model_based.training_in_model import fit_model
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Window
@@ -37,7 +37,6 @@ class LearntModel:
         dynamics: the dynamics model, with one step per decision.
         horizon: maximum number of decisions per episode.
         action_repeat: number of steps of the task per decision.
-        reward_margin: how far rewards may lie outside the observed range, relative to the width of that range.
 
     Example::
 
@@ -49,7 +48,6 @@ class LearntModel:
     dynamics: DynamicsModel
     horizon: int
     action_repeat: int
-    reward_margin: float = 0.0
 
     @classmethod
     def of(cls, training: Training, state: State, spaces: Spaces) -> LearntModel:
@@ -68,7 +66,7 @@ class LearntModel:
         decisions = state.memory.decisions(repeat, training.discount, spaces)
         with one_thread():
             dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
-        return cls(dynamics, decisions.horizon, repeat, reward_margin(decisions))
+        return cls(dynamics, decisions.horizon, repeat)
 
     def __repr__(self) -> str:
         """Return the sizes of the model, since its arrays fill many pages."""
@@ -105,7 +103,7 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         self.observation_space = Box(-np.inf, np.inf, spaces.observation_shape, np.float64)
         self.action_space = Box(spaces.action_low, spaces.action_high, dtype=spaces.action_low.dtype.type)
         self._horizon = model.horizon
-        self._runner = ModelRunner(self._dynamics, caution, reward_margin=model.reward_margin)
+        self._runner = ModelRunner(self._dynamics, caution)
         self._draws: Draws | None = None
         self._step = 0
 

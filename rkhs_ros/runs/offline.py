@@ -24,15 +24,14 @@ from rkhs_ros.runs.config import tree_of
 from rkhs_ros.runs.recorded import training_of
 
 MODEL = "model={form: gaussian_process}"
-HELD_OUT = 0.2  # share of the episodes that calibrates a model of the others
+HELD_OUT = 0.2  # share of the episodes that tests a model of the others
 
 
 def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Iterator[Iteration]:
     """Train in a dynamics model of recorded episodes; yield each iteration, which has no evaluation.
 
-    A model of most episodes first predicts the held-out ones. If the model was overconfident, training is more
-    cautious, like between real episodes. With ``action_repeat: auto``, the recorded episodes determine the action
-    repeat.
+    A model of most episodes is tested on the held-out ones. With ``action_repeat: auto``, the recorded episodes
+    determine the action repeat.
 
     Args:
         training: settings of the learner, with model-based training.

@@ -25,11 +25,9 @@ from rkhs_ros.learning.model.terminal_reward import TerminalReward
 from rkhs_ros.learning.model.termination import Limits, fit_termination
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import ROUNDING, Array, deviations, spreads
+from rkhs_ros.rkhs.kernels import Array, deviations, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
-NORMAL_MEDIAN = 0.4549  # median of the square of a standard normal variable
-MOST_OVERCONFIDENCE = 3.0
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 EXPLAINED = 0.1  # part of the rewards' standard deviation that may remain unexplained
 BEYOND = 0.5  # of the distance of two recorded initial observations, how far others may lie beyond them
@@ -93,19 +91,6 @@ def points_of(inputs: Array, actions: Array, spaces: Spaces) -> Array:
     """Concatenate inputs, shape (..., q), and clipped actions, shape (..., n)."""
     clipped = spaces.clip(actions.reshape(-1, actions.shape[-1])).reshape(actions.shape)
     return np.concatenate([inputs, clipped], axis=-1)
-
-
-@dataclass(frozen=True)
-class PredictionTest:
-    """Test result of a model on new steps.
-
-    Attributes:
-        error: root mean square error of the predicted changes, in standard deviations of the changes.
-        overconfidence: ratio of the actual to the expected errors, at least 1.
-    """
-
-    error: float
-    overconfidence: float
 
 
 @dataclass(frozen=True)
@@ -231,7 +216,7 @@ class DynamicsModel:
         return np.where(np.isfinite(self.low), MARGIN * (self.high - self.low), 0.0)
 
 
-def prediction_test(
+def prediction_error(
     before: Episodes,
     after: Episodes,
     inputs: Inputs,
@@ -240,23 +225,21 @@ def prediction_test(
     priors: Priors = NO_PRIORS,
     *,
     centred: bool = False,
-) -> PredictionTest:
-    """Fit a model to some episodes and test it on others; see `DynamicsModel.fit` for the arguments."""
+) -> float:
+    """Fit a model to some episodes, and test it on others; see `DynamicsModel.fit` for the arguments.
+
+    Returns:
+        The root mean square error of the predicted changes, in standard deviations of the changes.
+    """
     earlier, steps = (
         Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
     )
     coordinates = coordinates_of(earlier, inputs)
     model = _fit_changes(earlier, coordinates, priors, centres, centred=centred)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
-    expected = np.hypot(model.sd(steps.points), model.noise)
-    # Rounding errors are always expected, also of a column that is predicted exactly, such as a counter.
-    expected = np.maximum(expected, ROUNDING * np.abs(steps.next_observations).max(axis=0))
     changes = coordinates.difference(steps.observations, steps.next_observations)
-    moving = coordinates.columns
     sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
-    surprise = float(np.sqrt(np.mean(np.median((errors / expected)[:, moving] ** 2, axis=0) / NORMAL_MEDIAN)))
-    error = float(np.sqrt(np.mean(sizes[moving] ** 2)))
-    return PredictionTest(error, min(max(surprise, 1.0), MOST_OVERCONFIDENCE))
+    return float(np.sqrt(np.mean(sizes[coordinates.columns] ** 2)))
 
 
 def reward_depends_on_action_only(episodes: Episodes, spaces: Spaces) -> bool:

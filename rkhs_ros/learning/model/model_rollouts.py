@@ -15,6 +15,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
+REWARD_MARGIN = 0.3  # by which rewards may lie outside the observed range, relative to its width
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,6 @@ class ModelRunner:
         caution: factor on the deviation of the drawn functions from their mean.
         optimism: additional reward of a step per relative standard deviation of the changes that the model predicts,
             so that the policy explores states that were not visited yet.
-        reward_margin: how far drawn rewards may lie outside the observed range, relative to the width of that range.
         visited_starts: let a quarter of the rollouts start from visited observations.
     """
 
@@ -55,13 +55,11 @@ class ModelRunner:
         caution: float = 1.0,
         *,
         optimism: float = 0.0,
-        reward_margin: float = 0.0,
         visited_starts: bool = True,
     ) -> None:
         self._model = model
         self._caution = caution
         self._optimism = optimism
-        self._reward_margin = reward_margin
         self._visited_starts = visited_starts
 
     @property
@@ -169,7 +167,7 @@ class ModelRunner:
         rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
         least, greatest = self._model.reward_range
         # Widen both ends: clipping noisy rewards at one end only would bias their mean where the model is uncertain.
-        margin = self._reward_margin * (greatest - least)
+        margin = REWARD_MARGIN * (greatest - least)
         return np.clip(rewards, least - margin, greatest + margin)
 
     def _novelty(self, points: Array) -> Array:

@@ -12,11 +12,7 @@ from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.discovery.evidence import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model.dynamics_model import (
-    DynamicsModel,
-    PredictionTest,
-    prediction_test,
-)
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_error
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model_based.policy_refit import refit_policy
@@ -33,8 +29,6 @@ from rkhs_ros.rkhs.kernels import Array
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
 NARROW = 0.3  # that of real episodes in every second iteration, likewise, to visit the states of the policy mean
-REWARD_MARGIN = 0.3  # by which rewards in the model may lie outside the observed range, relative to its width
-NEARLY = 0.05  # distance from the greatest reward that hardly matters, relative to the same width
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
@@ -61,14 +55,6 @@ def exploration_policy(
     return replace(policy, variance=ConstantVariance(share**2 * variance), noise="white")
 
 
-def reward_margin(episodes: Episodes) -> float:
-    """Return the margin of the rewards in a model of these episodes; it shrinks while none has a greater reward."""
-    rewards, mask = episodes.rewards, episodes.mask
-    greatest = np.where(mask, rewards, -np.inf).max(axis=1)
-    width = float(np.ptp(rewards[mask]))
-    return REWARD_MARGIN / (len(greatest) - int(np.argmax(greatest >= greatest.max() - NEARLY * width)))
-
-
 @dataclass(frozen=True)
 class ModelUpdate:
     """The result of model-based training.
@@ -91,11 +77,7 @@ class ModelUpdate:
 def train_in_model(
     settings: ModelBased, algorithm: Algorithm, policy: GaussianPolicy, experience: RealExperience
 ) -> ModelUpdate:
-    """Train a policy in a model of all real episodes so far.
-
-    The newest episodes test a model of the earlier ones. If that model was overconfident, posterior samples of the
-    new model deviate further from the posterior mean.
-    """
+    """Train a policy in a model of all real episodes so far; the newest ones also test a model of the earlier ones."""
     episodes, spaces = experience.episodes, experience.spaces
     inputs = policy.inputs
     if settings.discovery != "none" and inputs_may_change(inputs, algorithm, experience.kernel):
@@ -103,7 +85,7 @@ def train_in_model(
         inputs = discover_inputs(inputs, episodes, spaces, history=history, given=experience.given_inputs)
     policy = refit_policy(policy, algorithm, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
-    test = _test_previous_model(settings, policy, experience, priors)
+    error = _error_of_previous_model(settings, policy, experience, priors)
     model = fit_model(settings, inputs, episodes, spaces)
     nothing_known = experience.reward_depends_on_action_only
     optimistic = experience.seeks_novelty and priors.reward_fn is None
@@ -112,9 +94,7 @@ def train_in_model(
         algorithm = _finer(algorithm)
     runner = ModelRunner(
         model,
-        test.overconfidence,
         optimism=experience.reward_width if optimistic else 0.0,
-        reward_margin=reward_margin(episodes),
         visited_starts=not focused,
     )
     repeat = policy.action_repeat
@@ -127,7 +107,7 @@ def train_in_model(
         experience.iteration + 1 if episodes.horizon > 1 else 0,  # episodes of one step reach no further states
         reward_depends_on_action_only=nothing_known,
     )
-    return ModelUpdate(policy, metrics, expected, test.error, optimistic)
+    return ModelUpdate(policy, metrics, expected, error, optimistic)
 
 
 def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces) -> DynamicsModel:
@@ -212,19 +192,18 @@ def model_rollouts_of(
     decisions = episodes.decisions(repeat, discount, spaces)
     model = fit_model(settings, policy.inputs, decisions, spaces)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
-    runner = ModelRunner(model, reward_margin=reward_margin(decisions))
-    return runner.collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
+    return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
 
-def _test_previous_model(
+def _error_of_previous_model(
     settings: ModelBased, policy: GaussianPolicy, experience: RealExperience, priors: Priors
-) -> PredictionTest:
-    """Test a model of the earlier episodes on the newest ones."""
+) -> float:
+    """Test a model of the earlier episodes on the newest ones; nan in the first iteration."""
     old = len(experience.episodes) - experience.newest
     if old == 0:
-        return PredictionTest(float("nan"), 1.0)
+        return float("nan")
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
-    return prediction_test(
+    return prediction_error(
         before,
         newest,
         policy.inputs,

@@ -55,13 +55,13 @@ def policy_of(rng: np.random.Generator, inputs: Inputs) -> GaussianPolicy:
 
 
 def model_of(rng: np.random.Generator, inputs: Inputs = Inputs()) -> LearntModel:  # noqa: B008
-    return LearntModel(DynamicsModel.fit(episodes_of(rng), inputs, SPACES, 40), HORIZON, 1, 0.5)
+    return LearntModel(DynamicsModel.fit(episodes_of(rng), inputs, SPACES, 40), HORIZON, 1)
 
 
 @pytest.mark.parametrize("inputs", INPUTS.values(), ids=INPUTS)
 def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Generator, inputs: Inputs) -> None:
     model, policy = model_of(rng, inputs), policy_of(rng, inputs)
-    environment, runner, terminated = model.as_env(caution=1.5), ModelRunner(model.dynamics, 1.5, reward_margin=0.5), 0
+    environment, runner, terminated = model.as_env(caution=1.5), ModelRunner(model.dynamics, 1.5), 0
     for number in range(20):
         batch = Batch(7, 4 * number, 1, HORIZON, explore=True)  # of these numbers, which start like real episodes
         expected, acting = runner.collect(policy, batch), Acting(policy, batch, explore=True)

@@ -1,7 +1,6 @@
 """The model of a run in memory, the model of its folder and a fit to its real episodes are bit-identical."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +8,6 @@ import pytest
 import rkhs_ros
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
-from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
@@ -54,25 +51,8 @@ def test_the_models_of_a_result_its_folder_and_its_episodes_are_bit_identical(tm
     spaces = result.policy.spaces
     decisions = Episodes.concatenate(explored).decisions(REPEAT, result.policy.task.discount, spaces)
     oracle = DynamicsModel.fit(decisions, result.policy.gaussian.inputs, spaces, 30, centred=True)
-    model = LearntModel(oracle, 8, REPEAT, reward_margin=loaded.reward_margin)
+    model = LearntModel(oracle, 8, REPEAT)
     np.testing.assert_array_equal(episode_in(model), episode)
-
-
-def test_the_reward_margin_is_that_of_the_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    used: list[float] = []
-
-    def runner(*args: Any, reward_margin: float, **how: Any) -> ModelRunner:
-        used.append(reward_margin)
-        return ModelRunner(*args, reward_margin=reward_margin, **how)
-
-    monkeypatch.setattr("rkhs_ros.learning.model_based.training_in_model.ModelRunner", runner)
-    settings = {"iterations": 3, "seed": 4, "horizon": HORIZON, "action_repeat": REPEAT}
-    result = rkhs_ros.train(TASK, model=MODEL, progress=False, out=tmp_path / "run", **settings)
-    in_training = used[-1]
-    assert in_training < 0.3
-    policy, memory = result.policy, result.iteration.state.memory
-    model_rollouts_of(MODEL, policy.gaussian, memory, policy.spaces, result.training.discount, 1)
-    assert {used[-1], result.model.reward_margin, load_model(tmp_path / "run").reward_margin} == {in_training}
 
 
 def test_a_run_without_a_model_is_refused(tmp_path: Path) -> None:

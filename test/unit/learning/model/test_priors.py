@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_error
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model_based.settings import ModelBased
@@ -77,13 +77,13 @@ def test_prior_rewards_and_termination_match_the_task_exactly(rng: np.random.Gen
 
 def test_prior_dynamics_leave_only_the_noise(rng: np.random.Generator) -> None:
     before, after = simulated_episodes(rng, rows=6), simulated_episodes(rng, rows=20)
-    prior = prediction_test(before, after, Inputs(), SPACES, 30, PRIOR_DYNAMICS)
+    prior = prediction_error(before, after, Inputs(), SPACES, 30, PRIOR_DYNAMICS)
     now, actions, following = transitions(after)
     noise = (following - linear(now, actions)) / (following - now).std(axis=0)
-    assert prior.error == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
+    assert prior == pytest.approx(float(np.sqrt(np.mean(noise**2))), rel=0.1)
     few = simulated_episodes(rng, rows=1)
-    prior, learnt = (prediction_test(few, after, Inputs(), SPACES, 30, parts) for parts in (PRIOR_DYNAMICS, Priors()))
-    assert prior.error < learnt.error  # a dozen steps determine a linear system well, so the difference is small
+    prior, learnt = (prediction_error(few, after, Inputs(), SPACES, 30, parts) for parts in (PRIOR_DYNAMICS, Priors()))
+    assert prior < learnt  # a dozen steps determine a linear system well, so the difference is small
 
 
 def test_prior_and_learnt_dynamics_add_up(rng: np.random.Generator) -> None:

@@ -12,7 +12,7 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.model_based.training_in_model import FINER, reward_margin
+from rkhs_ros.learning.model_based.training_in_model import FINER
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -124,21 +124,3 @@ def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
     usual, small = (0.01, 0.001), (0.01 / FINER, 0.001 / FINER)
     assert ridges_of_a_run("rkhs/CartPoleSwingUp-v0") == [usual, small]
     assert ridges_of_a_run("Pendulum-v1") == [usual]  # which starts at random angles
-
-
-@pytest.mark.parametrize(
-    ("greatest", "after"), [([0.0, 1.0, 0.5, 0.5], 2), ([0.0, 0.0, 0.0, 0.0], 3), ([0.1, 0.2, 0.3, 1.0], 0)]
-)
-def test_the_age_of_the_greatest_reward(rng: np.random.Generator, greatest: list[float], after: int) -> None:
-    episodes = walks(rng, np.zeros((ROWS, 2)))
-    rewards = np.zeros((ROWS, STEPS))
-    rewards[:, 5] = greatest
-    assert reward_margin(replace(episodes, rewards=rewards)) == 0.3 / (1 + after)
-
-
-def test_a_slightly_greater_reward_and_steps_after_the_end_do_not_count(rng: np.random.Generator) -> None:
-    episodes = walks(rng, np.zeros((ROWS, 2)))
-    rewards, mask = np.zeros((ROWS, STEPS)), np.ones((ROWS, STEPS), dtype=bool)
-    rewards[:, 5] = [1.0, 0.0, 1.01, 0.0]
-    rewards[3, -1], mask[3, -1] = 9.0, False
-    assert reward_margin(replace(episodes, rewards=rewards, mask=mask)) == 0.3 / 4

@@ -17,12 +17,12 @@ from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_test
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
+from rkhs_ros.learning.model.model_rollouts import REWARD_MARGIN
 from rkhs_ros.learning.model_based.training_in_model import (
     EXPLORATION_DECAY,
     EXPLORATION_MINIMUM,
     NARROW,
-    REWARD_MARGIN,
 )
 from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.learning.state import first_variance
@@ -206,15 +206,6 @@ def test_a_mean_far_beyond_the_bounds_is_pulled_back() -> None:
     before, after = mean(points), last.policy.mean(points)
     near = simulation.spaces.clip_with_margin(before, np.sqrt(first_variance(training, simulation.spaces)))
     assert np.median(np.abs(after - near)) < 0.1 * np.median(np.abs(before - near))  # except at the jump
-
-
-def test_a_step_counter_in_the_observation_does_not_cause_overconfidence() -> None:
-    training = replace(settings(), episodes_per_iteration=10)
-    *_, last = learn(training, partial(Odd, clock=True))
-    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
-    before, after = (last.state.memory.take(part) for part in (slice(20), slice(20, None)))
-    # 100 steps determine the standard deviation of the noise to 7 %; the model's candidates differ by a factor of 1.5.
-    assert prediction_test(before, after, Inputs(), spaces, 40).overconfidence < 1.6
 
 
 def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -> None:

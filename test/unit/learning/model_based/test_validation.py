@@ -22,7 +22,6 @@ from rkhs_ros.learning.model_based.training_in_model import (
     FINER,
     VALIDATE_EVERY,
     RealExperience,
-    reward_margin,
 )
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy, first_variance
@@ -119,7 +118,7 @@ def fitted(training: Training, episodes: Episodes) -> ModelRunner:
     policy = first_policy(training, Simulation(PENDULUM).spaces)
     model = DynamicsModel.fit(episodes, policy.inputs, Simulation(PENDULUM).spaces, training.model.centres)
     assert not model.starts_vary  # so all rollouts start there
-    return ModelRunner(model, reward_margin=reward_margin(episodes), visited_starts=False)
+    return ModelRunner(model, visited_starts=False)
 
 
 def first_experience(training: Training, episodes: Episodes) -> RealExperience:
