@@ -23,7 +23,7 @@ from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import add_worker_arguments, workers_of
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
@@ -32,7 +32,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
-from rkhs_ros.studies.parallel import run_parallel
+from rkhs_ros.studies.workers import run_parallel
 from trial import median_until
 
 NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none

@@ -31,7 +31,7 @@ from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy, load
 from rkhs_ros.rollouts.environments import Source
-from rkhs_ros.rollouts.final_evaluation import FinalEvaluation, final_evaluation
+from rkhs_ros.rollouts.evaluation import FinalEvaluation, final_evaluation
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation

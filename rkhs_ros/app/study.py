@@ -12,8 +12,7 @@ from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import begin, is_started
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.studies.parallel import run_parallel
-from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers
+from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers, run_parallel
 
 LAST_FILE, LAST_PICTURE = "policy.npz", "policy.png"  # that a run writes
 KILLED = "its worker process, or another one, was killed"

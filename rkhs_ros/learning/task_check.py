@@ -8,15 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from rkhs_ros.learning.discovery.action_repeat import (
+from rkhs_ros.learning.discovery import (
     CHANGE,
     FEWEST_DECISIONS,
+    FEWEST_STEPS,
     change_per_decision,
     choose_action_repeat,
+    discover_inputs,
     longest_repeat,
+    with_features,
 )
-from rkhs_ros.learning.discovery.angles import with_features
-from rkhs_ros.learning.discovery.evidence import FEWEST_STEPS, discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.found import Known, settings_of
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only

@@ -15,7 +15,7 @@ from rkhs_ros.learning.iteration import Iteration, Row, lower_bound
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
-from rkhs_ros.rollouts.final_evaluation import FinalEvaluation
+from rkhs_ros.rollouts.evaluation import FinalEvaluation
 from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve

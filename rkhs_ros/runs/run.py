@@ -13,7 +13,7 @@ from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rollouts.final_evaluation import final_evaluation
+from rkhs_ros.rollouts.evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import FILE, REMEDY, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.progress import progress_bar

@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -20,10 +20,12 @@ from typing import Any, NamedTuple, TypeVar
 from joblib import cpu_count
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
+from rich.progress import Progress
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require, require_extra
+from rkhs_ros.runs.progress import bar_columns, bar_console
 from rkhs_ros.runs.provenance import provenance
 
 ALL_CORES = -1
@@ -172,3 +174,24 @@ def _checked(expected: dict[str, str], call: Callable[..., T], *arguments: Any) 
     for name, value in expected.items():
         require(got[name] == value, f"worker: {name}", value, got[name])
     return call(*arguments)
+
+
+def run_parallel(
+    call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], *, workers: Workers, title: str, quiet: bool
+) -> Iterator[T]:
+    """Call a function in parallel and yield the results in order of completion.
+
+    Args:
+        call: a function at the top level of a module, so that other processes can import it.
+        arguments: arguments of each call.
+        workers: workers that execute the calls.
+        title: title of the progress bar on stderr.
+        quiet: show no progress bar.
+    """
+    hidden = quiet or not arguments
+    progress = Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden)
+    with workers.opened(len(arguments)) as pool, progress:
+        bar = progress.add_task(title, total=len(arguments))
+        for result in pool.results(call, arguments):
+            progress.advance(bar)
+            yield result

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model.state_coordinates import StateCoordinates
-from rkhs_ros.learning.model.terminal_reward import TerminalReward
-from rkhs_ros.learning.model.termination import Limits, fit_termination
+from rkhs_ros.learning.model.termination import Limits, TerminalReward, fit_termination
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array, deviations, spreads

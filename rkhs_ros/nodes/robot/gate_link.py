@@ -1,4 +1,4 @@
-"""The robot node's client of the gate."""
+"""The robot node's clients of the gate and of a simulated robot."""
 
 import time
 from collections.abc import Callable
@@ -6,8 +6,10 @@ from math import inf
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.validation import truncated
@@ -15,6 +17,10 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
+
+RETRY_S = 1.0  # between attempts to end a protective stop
+PATIENCE_S = 5.0  # for the gate to arm itself; later, the node asks the operator to arm it
+NAME = "simulated_robot"
 
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before the node exits
 
@@ -101,3 +107,52 @@ class GateLink:
 
     def _hear_state(self, message: GateState) -> None:
         self._state, self._unanswered_since = message, inf
+
+
+class SimulatedRobotLink:
+    """The robot node's client of a simulated robot.
+
+    Ends its protective stops automatically, unless a stop was requested; its gate arms itself.
+
+    Owns the robot's last report, and the times of the last attempt, of the last obstacle and of its beginning.
+
+    Args:
+        node: the robot node.
+        gate: between the node and the robot.
+    """
+
+    def __init__(self, node: Node, gate: GateLink) -> None:
+        self._node = node
+        self._gate = gate
+        self._report = DiagnosticStatus()
+        self._asked_at = self._seen_at = self._since = 0.0
+        self._reset = node.create_client(Trigger, f"{NAME}/reset_protective_stop")
+        node.create_subscription(DiagnosticStatus, f"{NAME}/violations", self._hear_report, LATCHED_QOS)
+
+    def obstacle(self) -> str:
+        """Return the reason of the robot's protective stop; empty if there is none."""
+        if self._report.level != DiagnosticStatus.ERROR:
+            return ""
+        return f"the simulated robot made a protective stop ({truncated(self._report.message)})"
+
+    def make_ready(self, now: float) -> bool:
+        """Prepare the robot to move; return whether this happens automatically.
+
+        After a requested stop, or if the gate does not arm itself for some seconds, an operator has to arm it.
+
+        Args:
+            now: monotonic time of this call, seconds; it is repeated while there is an obstacle.
+        """
+        if self._gate.stop_was_requested:
+            return False
+        if now > self._seen_at + RETRY_S:
+            self._since = now
+        self._seen_at = now
+        is_due = bool(self.obstacle()) and now >= self._asked_at + RETRY_S
+        if is_due and NAME in self._node.get_node_names() and self._reset.service_is_ready():
+            self._asked_at = now
+            self._reset.call_async(Trigger.Request())
+        return now < self._since + PATIENCE_S
+
+    def _hear_report(self, message: DiagnosticStatus) -> None:
+        self._report = message

@@ -10,9 +10,8 @@ from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, robot_observation_message
 from rkhs_ros.nodes.core.spin import ReportingNode
-from rkhs_ros.nodes.robot.gate_link import GateLink
+from rkhs_ros.nodes.robot.gate_link import GateLink, SimulatedRobotLink
 from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
-from rkhs_ros.nodes.robot.simulated_robot_link import SimulatedRobotLink
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
-from rkhs_ros.learning.discovery.action_repeat import (
+from rkhs_ros.learning.discovery import (
     CHANGE,
     CLEARLY,
     change_per_decision,

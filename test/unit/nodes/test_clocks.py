@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rkhs_ros.nodes.core import clocks
+from rkhs_ros.nodes.core import messages
 
 EPOCH_S = 1_700_000_000.0
 
@@ -26,7 +26,7 @@ class BusyMachine:
 def test_times_by_both_clocks_agree_despite_preemption(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
-    monkeypatch.setattr(clocks, "time", BusyMachine(rng))
+    monkeypatch.setattr(messages, "time", BusyMachine(rng))
     for _ in range(1000):
-        seconds, nanoseconds = clocks.now_by_both_clocks()
+        seconds, nanoseconds = messages.now_by_both_clocks()
         assert nanoseconds / 1e9 - EPOCH_S == pytest.approx(seconds, abs=1e-3)

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from rkhs_ros.rkhs.informative_inputs import most_informative_inputs, on_slice
+from rkhs_ros.pictures.policy_coordinates import most_informative_inputs, on_slice
 
 
 def test_a_slice_of_independent_inputs_explains_the_variance_of_its_inputs() -> None:

@@ -11,7 +11,7 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.policy import load
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.final_evaluation import BATCHES, FinalEvaluation, final_evaluation
+from rkhs_ros.rollouts.evaluation import BATCHES, FinalEvaluation, final_evaluation
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.algorithms.algorithm import Update
 from rkhs_ros.learning.algorithms.power import PoWER
 from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
-from rkhs_ros.learning.algorithms.variance_update import as_published, learnt
-from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration
+from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, as_published, learnt
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.discovery.evidence import LONGEST_HISTORY, discover_inputs
+from rkhs_ros.learning.discovery import LONGEST_HISTORY, discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

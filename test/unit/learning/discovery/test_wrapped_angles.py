@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.discovery.angles import TURNS, with_angles, with_wrapped_angles
+from rkhs_ros.learning.discovery import TURNS, with_angles, with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.model.terminal_reward import FEWEST_ENDS, TerminalReward
+from rkhs_ros.learning.model.termination import FEWEST_ENDS, TerminalReward
 
 CRASH, LANDING = -100.0, 100.0
 
