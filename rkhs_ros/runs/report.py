@@ -244,7 +244,8 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f" and {last.evaluation_episodes} evaluation episodes" if last.evaluation_episodes else ""
     final = folder / FINAL_EVALUATION
     lines = [
-        f"Trained on {config.environment.id} for {_episodes(last.episodes)}{evaluations} in {last.seconds:.1f} s.",
+        f"Trained on {config.environment.id} for {_episodes(last.episodes)}{evaluations} in {last.seconds:.1f} s, "
+        f"with {last.steps} steps of experience.",
         f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows, folder)}; "
         f"{len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
         *([f"Final evaluation: {read_whole(final).decode().strip()}."] if final.is_file() else []),

@@ -50,12 +50,14 @@ class LearningCurve:
     Attributes:
         label: name that distinguishes the curve from others.
         episodes: number of exploration episodes up to each iteration, shape (iterations,).
+        steps: number of environment steps in these episodes, likewise.
         returns: discounted returns of evaluation episodes, shape (runs, iterations).
         is_evaluation: False if no iteration was evaluated; the returns are then those of the exploration episodes.
     """
 
     label: str
     episodes: Array
+    steps: Array
     returns: Array
     is_evaluation: bool
 
@@ -68,7 +70,9 @@ class LearningCurve:
         final = mean_over_runs(self.returns[:, -1])
         kind = "evaluation" if self.is_evaluation else "exploration"
         runs = f" (mean of {len(self.returns)} runs, 95 % interval over the seeds)" if len(self.returns) > 1 else ""
-        return f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes{runs}"
+        return (
+            f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes ({self.steps[-1]:g} steps){runs}"
+        )
 
 
 @dataclass(frozen=True)
@@ -203,11 +207,14 @@ def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
     def column(name: str) -> Array:
         return np.array([[getattr(row, name) for row in rows[:length]] for rows in within])
 
-    returns, episodes = column("evaluation_return"), column("episodes").mean(axis=0)
+    returns, (episodes, steps) = (
+        column("evaluation_return"),
+        (column(name).mean(axis=0) for name in ("episodes", "steps")),
+    )
     evaluated = ~np.isnan(returns).any(axis=0)
     if not evaluated.any():
-        return LearningCurve(label, episodes, column("exploration_return"), is_evaluation=False)
-    return LearningCurve(label, episodes[evaluated], returns[:, evaluated], is_evaluation=True)
+        return LearningCurve(label, episodes, steps, column("exploration_return"), is_evaluation=False)
+    return LearningCurve(label, episodes[evaluated], steps[evaluated], returns[:, evaluated], is_evaluation=True)
 
 
 def as_csv(comparison: Comparison) -> str:
@@ -243,8 +250,8 @@ def as_table(comparison: Comparison) -> Table:
 
 
 def _row(curve: LearningCurve) -> dict[str, Any]:
-    runs, episodes = len(curve.returns), float(curve.episodes[-1])
-    return {"curve": curve.label, "runs": runs, "episodes": episodes, **vars(curve.aggregates())}
+    amounts = {"runs": len(curve.returns), "episodes": float(curve.episodes[-1]), "steps": float(curve.steps[-1])}
+    return {"curve": curve.label, **amounts, **vars(curve.aggregates())}
 
 
 def _numbers(row: dict[str, Any]) -> Iterator[tuple[str, object]]:

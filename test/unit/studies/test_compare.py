@@ -37,7 +37,13 @@ def run_folder(
     rows = [
         Row(
             **values
-            | {"iteration": k, "episodes": k * per_iteration, "exploration_return": train, "evaluation_return": r}
+            | {
+                "iteration": k,
+                "episodes": k * per_iteration,
+                "steps": 20 * k * per_iteration,
+                "exploration_return": train,
+                "evaluation_return": r,
+            }
         )
         for k, r in enumerate(returns, start=1)
     ]
@@ -47,7 +53,8 @@ def run_folder(
 
 def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> LearningCurve:
     returns = np.random.default_rng(seed).normal(10.0, 1.0, (runs, iterations))
-    return LearningCurve(label, 10.0 * np.arange(1, iterations + 1), returns, is_evaluation=True)
+    episodes = 10.0 * np.arange(1, iterations + 1)
+    return LearningCurve(label, episodes, 20.0 * episodes, returns, is_evaluation=True)
 
 
 # Statistics
@@ -152,7 +159,7 @@ def test_without_evaluations_curves_show_exploration_returns_with_a_note(tmp_pat
     np.testing.assert_array_equal(comparison.curves[0].returns, [[7.0, 7.0]])
     assert not comparison.curves[0].is_evaluation
     assert comparison.notes == ("rkhs_nac: no evaluation; shows the exploration return.",)
-    assert "exploration return 7 after 20 episodes" in comparison.curves[0].summary()
+    assert "exploration return 7 after 20 episodes (400 steps)" in comparison.curves[0].summary()
 
 
 def test_runs_without_an_iteration_are_omitted_with_a_note(tmp_path: Path) -> None:
@@ -218,8 +225,8 @@ def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, t
     assert out.startswith((tmp_path / "made" / "here.md").read_text())
     header, _, first, second, *_ = out.splitlines()
     assert header.split("|")[1:4] == [" curve ", " runs ", " episodes "]
-    assert first.startswith("| a     | 4    | 20       | 3.5 [2.5, 4.5]")
-    assert second.startswith(r"| b\|b  | 1    | 20       | 2.5 ")
+    assert first.startswith("| a     | 4    | 20       | 400   | 3.5 [2.5, 4.5]")
+    assert second.startswith(r"| b\|b  | 1    | 20       | 400   | 2.5 ")
     lines = list(csv.DictReader((tmp_path / "made" / "here.csv").open()))
     assert [line["curve"] for line in lines] == ["a", "b|b"]
     assert {k: lines[0][k] for k in ("runs", "final", "final_low", "final_high", "best", "median")} == {
