@@ -31,7 +31,7 @@ SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
-NARROW = 0.3  # that of real episodes in every second iteration, likewise, to visit the states of the policy mean
+NARROW = 0.3  # that of real episodes after the first iteration, likewise, to visit the states of the policy mean
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
@@ -43,8 +43,8 @@ def exploration_policy(
 ) -> GaussianPolicy:
     """Return the policy with the exploration of the next real episodes.
 
-    Wide and narrow exploration alternate. While no state is known to be better than another, exploration stays wide,
-    and its noise is pink, which reaches further.
+    The first exploration is wide, and later ones are narrow. While no state is known to be better than another,
+    exploration stays wide, and its noise is pink, which reaches further.
 
     Args:
         policy: policy with the mean.
@@ -54,7 +54,7 @@ def exploration_policy(
     """
     if reward_depends_on_action_only:
         return replace(policy, variance=ConstantVariance(variance), noise="pink")
-    share = NARROW if iteration % 2 else 1.0
+    share = NARROW if iteration else 1.0
     return replace(policy, variance=ConstantVariance(share**2 * variance), noise="white")
 
 

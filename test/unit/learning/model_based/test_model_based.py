@@ -272,11 +272,11 @@ def test_exploration_in_episodes_of_one_step_is_always_wide() -> None:
 
 
 @pytest.mark.parametrize("constant", ["", "rewards"])
-def test_wide_and_narrow_exploration_alternate_unless_rewards_are_uninformative(constant: str) -> None:
-    for k, iteration in enumerate(learn(settings(iterations=4), Odd(constant=constant))):
+def test_exploration_is_narrow_after_the_first_iteration_unless_rewards_are_uninformative(constant: str) -> None:
+    for iteration in learn(settings(iterations=4), Odd(constant=constant)):
         assert iteration.policy.noise == ("pink" if constant else "white")
-        wide = 1.0 if constant or k % 2 else NARROW
-        np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), wide**2)
+        share = 1.0 if constant else NARROW  # of the next episodes
+        np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), share**2)
 
 
 @pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (1.0, 100)])
