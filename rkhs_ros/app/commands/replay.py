@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rkhs_ros.base.endings import FAILED
 from rkhs_ros.recordings.recording import Recording, read_recording
+from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.provenance import provenance_lines
 from rkhs_ros.runs.recorded import training_of
@@ -36,8 +37,18 @@ def run(options: argparse.Namespace) -> int:
     except DifferenceError as error:
         print(f"{error}; the first {done} of {total} updates are bit-identical{_other_versions(recording)}")
         return FAILED
+    finished = _finished(options.recording)
+    if finished > total:
+        print(f"the first {total} of {finished} updates are bit-identical; the recording lacks the others")
+        return FAILED
     print(f"all {total} updates are bit-identical")
     return 0
+
+
+def _finished(recording: Path) -> int:
+    """Return the number of finished iterations in the folder of a run; 0 for a file, or without a curve."""
+    curve = recording / "curve.csv"
+    return len(Curve(curve).rows()) if curve.is_file() else 0
 
 
 def _other_versions(recording: Recording) -> str:

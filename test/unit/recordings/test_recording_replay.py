@@ -1,3 +1,4 @@
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -103,6 +104,17 @@ def test_an_interrupted_run_replays_its_finished_updates(whole: Path, tmp_path: 
     recording = read_recording(tmp_path / "cut.mcap")
     assert 0 < len(recording.updates) < 4
     assert len(list(replay(recording))) == len(recording.updates)
+
+
+def test_a_recording_that_lacks_finished_updates_is_reported(
+    whole: Path, tmp_path: Path, rkhs: Callable[..., Result]
+) -> None:
+    folder = shutil.copytree(whole.parent, tmp_path / "run")
+    messages: list[Stored] = read_messages(whole).messages
+    second = [i for i, stored in enumerate(messages) if stored.kind.endswith("/Update")][1]
+    MessageFile(folder / whole.name, messages[: second + 1]).close()
+    expected = "the first 2 of 4 updates are bit-identical; the recording lacks the others\n"
+    assert rkhs("replay", folder, "--quiet") == (1, expected, "")
 
 
 EXPLORING, EVALUATION = 2, 3  # indices of the second update's batches
