@@ -22,6 +22,11 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import Posterior
 
+CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
+NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
+FEWEST_DECISIONS = 50  # in the longest episode
+MOST_REPEAT = 100
+CLEARLY = 1.5  # ratio of two action repeats above which they differ by more than one choice does by chance
 TURNS = tuple(scale * turn for turn in (2.0 * np.pi, 360.0) for scale in (1.0, 1e3, 1e-3))  # of usual units
 EXTENT = 1.1  # largest range of an angle with observation noise, in turns
 LONGEST_STEP = 0.4  # largest change of an angle in a step, in turns
@@ -34,12 +39,6 @@ LONGEST_HISTORY = 3
 GAIN, GAIN_PER_NUMBER = 20.0, 0.5  # of log evidence, in all and per observed change, that justify further inputs
 WIDE = 1.0  # range of a column that may be an angle, in turns
 UNWRAPPED_TURNS = (2.0 * np.pi, 360.0)
-
-CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
-NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
-FEWEST_DECISIONS = 50  # in the longest episode
-MOST_REPEAT = 100
-CLEARLY = 1.5  # ratio of two action repeats above which they differ by more than one choice does by chance
 
 
 def choose_action_repeat(episodes: Episodes) -> int:

@@ -7,7 +7,6 @@ import numpy as np
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.model_based.training_in_model import exploration_policy
 from rkhs_ros.learning.training_settings import AUTO, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -56,11 +55,9 @@ def first_policy(training: Training, spaces: Spaces) -> GaussianPolicy:
     mean = Function.constant(RBF((1.0,)), input_dim, action_dim, spaces.middle)
     repeat = training.action_repeat if isinstance(training.action_repeat, int) else 1  # until it is chosen
     inputs = training.inputs.within(spaces)
-    policy = GaussianPolicy(mean, ConstantVariance(variance), inputs, action_repeat=repeat)
-    if not isinstance(training.model, ModelBased):
-        return policy
-    training.model.priors(spaces.observation_dim)
-    return exploration_policy(policy, variance, 0, reward_depends_on_action_only=False)
+    if isinstance(training.model, ModelBased):
+        training.model.priors(spaces.observation_dim)  # so that a wrong name ends the run before its first episode
+    return GaussianPolicy(mean, ConstantVariance(variance), inputs, action_repeat=repeat)
 
 
 def first_variance(training: Training, spaces: Spaces) -> Array:

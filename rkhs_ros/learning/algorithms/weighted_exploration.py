@@ -20,7 +20,6 @@ from rkhs_ros.rkhs.regression import by_blocks, ridge_regression
 
 RIDGE_UNITS = ("action", "variance")
 WEIGHTINGS = ("positive", "returns")
-
 LEAST_MASS = 1e-9  # centres with a smaller mass relative to the largest are removed
 
 

@@ -26,9 +26,6 @@ from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, subsample
 
-MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
-SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
-
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
 NARROW = 0.3  # that of real episodes after the first iteration, likewise, to visit the states of the policy mean
@@ -36,25 +33,27 @@ FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for 
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
+MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
+SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 
 
 def exploration_policy(
-    policy: GaussianPolicy, variance: Array, iteration: int, *, reward_depends_on_action_only: bool
+    policy: GaussianPolicy, variance: Array, *, is_one_step: bool, reward_depends_on_action_only: bool
 ) -> GaussianPolicy:
-    """Return the policy with the exploration of the next real episodes.
+    """Return the policy with the exploration of real episodes after the first iteration, which is narrow.
 
-    The first exploration is wide, and later ones are narrow. While no state is known to be better than another,
-    exploration stays wide, and its noise is pink, which reaches further.
+    Episodes of one step reach no further states, so they explore widely. While no state is known to be better than
+    another, exploration stays wide, too, and its noise is pink, which reaches further.
 
     Args:
         policy: policy with the mean.
         variance: variance of wide exploration, shape (n,).
-        iteration: number of previous real iterations.
+        is_one_step: whether an episode is a single decision.
         reward_depends_on_action_only: whether a cost of the actions explains all rewards so far.
     """
     if reward_depends_on_action_only:
         return replace(policy, variance=ConstantVariance(variance), noise="pink")
-    share = NARROW if iteration else 1.0
+    share = 1.0 if is_one_step else NARROW
     return replace(policy, variance=ConstantVariance(share**2 * variance), noise="white")
 
 
@@ -107,7 +106,7 @@ def train_in_model(
     policy = exploration_policy(
         replace(policy, action_repeat=repeat),
         experience.first_variance,
-        experience.iteration + 1 if episodes.horizon > 1 else 0,  # episodes of one step reach no further states
+        is_one_step=episodes.horizon == 1,
         reward_depends_on_action_only=nothing_known,
     )
     return ModelUpdate(policy, metrics, expected, error, optimistic)

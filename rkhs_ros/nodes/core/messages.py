@@ -22,9 +22,6 @@ from rkhs_ros.policies.messages import MOST_INPUTS, doubles, policy_message, spa
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
-READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
-QUICK_S = 2e-5  # duration of a reading without preemption
-
 if TYPE_CHECKING:  # a policy node needs no simulation
     from sensor_msgs.msg import JointState
 
@@ -37,6 +34,8 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 # start a batch until their messages have subscribers.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
+READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
+QUICK_S = 2e-5  # duration of a reading without preemption
 batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
 
 

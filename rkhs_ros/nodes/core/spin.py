@@ -27,10 +27,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, print_error
-from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import tolerate_lost_stderr
+from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.arguments import check_arguments
 from rkhs_ros.nodes.core.names import in_one_line

@@ -25,7 +25,6 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
 
 CHECK_S = 1.0  # without episodes before the simulator is asked whether it still answers
-
 POLICY = "policy"
 
 

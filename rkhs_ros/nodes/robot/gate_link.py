@@ -20,8 +20,7 @@ from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
 RETRY_S = 1.0  # between attempts to end a protective stop
 PATIENCE_S = 5.0  # for the gate to arm itself; later, the node asks the operator to arm it
-NAME = "simulated_robot"
-
+SIMULATED = "simulated_robot"
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before the node exits
 
 
@@ -126,8 +125,8 @@ class SimulatedRobotLink:
         self._gate = gate
         self._report = DiagnosticStatus()
         self._asked_at = self._seen_at = self._since = 0.0
-        self._reset = node.create_client(Trigger, f"{NAME}/reset_protective_stop")
-        node.create_subscription(DiagnosticStatus, f"{NAME}/violations", self._hear_report, LATCHED_QOS)
+        self._reset = node.create_client(Trigger, f"{SIMULATED}/reset_protective_stop")
+        node.create_subscription(DiagnosticStatus, f"{SIMULATED}/violations", self._hear_report, LATCHED_QOS)
 
     def obstacle(self) -> str:
         """Return the reason of the robot's protective stop; empty if there is none."""
@@ -149,7 +148,7 @@ class SimulatedRobotLink:
             self._since = now
         self._seen_at = now
         is_due = bool(self.obstacle()) and now >= self._asked_at + RETRY_S
-        if is_due and NAME in self._node.get_node_names() and self._reset.service_is_ready():
+        if is_due and SIMULATED in self._node.get_node_names() and self._reset.service_is_ready():
             self._asked_at = now
             self._reset.call_async(Trigger.Request())
         return now < self._since + PATIENCE_S
