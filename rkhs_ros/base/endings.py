@@ -24,6 +24,10 @@ class SilentError(RunError):
     """A node was silent for too long; the message names it."""
 
 
+class StoppedError(BaseException):
+    """The process was asked to exit. Like an interrupt it is not an error, so `except Exception` does not catch it."""
+
+
 class Stop:
     """A flag that a signal handler sets to stop the process.
 
@@ -33,14 +37,36 @@ class Stop:
 
     def __init__(self) -> None:
         self._is_set = False
+        self._interrupts = False
 
     def set(self) -> None:
-        """Request the stop."""
-        self._is_set = True
+        """Request the stop.
+
+        Raises:
+            StoppedError: the first request comes in a block of `interrupting`.
+        """
+        first, self._is_set = not self._is_set, True
+        if first and self._interrupts:
+            raise StoppedError
 
     def is_set(self) -> bool:
         """Return whether a stop was requested."""
         return self._is_set
+
+    @contextmanager
+    def interrupting(self, interrupts: bool = True) -> Iterator[None]:
+        """Let a request interrupt the block at once; or hold requests, within such a block, until this block exits.
+
+        Raises:
+            StoppedError: the stop is requested.
+        """
+        before, self._interrupts = self._interrupts, interrupts
+        try:
+            yield
+        finally:
+            self._interrupts = before
+        if before and self._is_set:
+            raise StoppedError
 
 
 @contextmanager

@@ -9,7 +9,9 @@ WORST_FIRST = ("error", "warning", "ok")
 MAX_NODES = 12  # shown, worst first
 MAX_LETTERS = 160  # of a node's message
 STANDING = ("disarmed", "stopped")  # states of a gate that lets no command through
-ARM_HINT = "To arm it, make sure that the robot may move, then type `rkhs robot arm` in a terminal beside the robot."
+ARM_HINT = (
+    "To arm it, make sure that the robot may move, then type `rkhs robot arm FOLDER` in a terminal beside the robot."
+)
 NodeReport = tuple[str, str, str]  # name, level and message of a node
 
 

@@ -146,7 +146,10 @@ def test_an_operator_can_stop_and_continue(begin: Callable[..., Process], bench:
     bench.probe.until(lambda: bench.is_at_rest)
     identity = bench.start()
     bench.probe.until(
-        lambda: "paused; to continue: rkhs robot start, or ros2 service call /robot/start" in bench.describe().waiting
+        lambda: (
+            "paused; to continue: rkhs robot start FOLDER, or ros2 service call /robot/start"
+            in bench.describe().waiting
+        )
     )
     assert bench.say("start").success
     assert reason(bench.ended(identity)) == ""

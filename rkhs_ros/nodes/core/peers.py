@@ -9,8 +9,8 @@ from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
-from rkhs_ros.base.endings import SilentError, Stop, deferred_signals
-from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode, StoppedError
+from rkhs_ros.base.endings import SilentError, Stop, StoppedError, deferred_signals
+from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode
 
 CONNECTION_S = 5.0  # for the topics between nodes that have just started to connect
 LOGGED_AFTER_S = 3.0  # of waiting for a node

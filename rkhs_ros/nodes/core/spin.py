@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, print_error
+from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, StoppedError, print_error
 from rkhs_ros.base.search_path import search_here
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import tolerate_lost_stderr
@@ -55,10 +55,6 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 
 class PeerError(RunError):
     """A node does not fit this run, or runs twice; the message names it."""
-
-
-class StoppedError(BaseException):
-    """The process was asked to exit. Like an interrupt it is not an error, so `except Exception` does not catch it."""
 
 
 class ReportingNode(Node):

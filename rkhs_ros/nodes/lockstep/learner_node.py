@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.endings import Stop
+from rkhs_ros.base.endings import Stop, StoppedError
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.peers import Peers
-from rkhs_ros.nodes.core.spin import ReportingNode, StoppedError, run
+from rkhs_ros.nodes.core.spin import ReportingNode, run
 from rkhs_ros.nodes.lockstep.progress_topic import ProgressTopic
 from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
 from rkhs_ros.nodes.lockstep.topic_runner import TopicRunner
@@ -92,17 +92,18 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
         is_robot = node.runner.is_robot
         node.progress.begin(folder)
         try:
-            run_training(
-                config,
-                node.runner,
-                folder,
-                quiet=node.quiet,
-                resume=resume,
-                tensorboard=node.tensorboard,
-                sync=is_robot,
-                on_iteration=lambda _, rows: node.progress.offer(rows),
-                on_advice=lambda advice: node.get_logger().warning(str(advice)),
-            )
+            with stop.interrupting():  # training in a model takes seconds
+                run_training(
+                    config,
+                    node.runner,
+                    folder,
+                    quiet=node.quiet,
+                    resume=resume,
+                    tensorboard=node.tensorboard,
+                    sync=is_robot,
+                    on_iteration=lambda _, rows: node.progress.offer(rows),
+                    on_advice=lambda advice: node.get_logger().warning(str(advice)),
+                )
         except (StoppedError, KeyboardInterrupt):
             node.get_logger().info(interruption_summary(folder, config))
             if (folder / "policy.npz").is_file():

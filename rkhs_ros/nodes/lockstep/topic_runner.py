@@ -137,6 +137,10 @@ class TopicRunner:
             RunError: the environment or the policy failed, or a robot discarded an episode too often.
             ValueError: a node refused the policy or the batch.
         """
+        with self._peers.stop.interrupting(False):  # the executor loses exceptions of signal handlers
+            return self._collected(policy, batch)
+
+    def _collected(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         self._policy.serve(policy)
         parts = deque(batch.parts(self.capacity(batch.num_envs)))
         done: dict[Batch, Episodes] = {}

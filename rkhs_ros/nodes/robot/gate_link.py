@@ -84,7 +84,7 @@ class GateLink:
     def remedy(self) -> str:
         """What the operator has to do about an obstacle."""
         service = self._node.resolve_service_name("gate/arm")
-        call = f"rkhs robot arm, or ros2 service call {service} std_srvs/srv/Trigger"
+        call = f"rkhs robot arm FOLDER, or ros2 service call {service} std_srvs/srv/Trigger"
         arm = f"make sure that the robot may move, then run: {call}"
         is_running = self._state is not None and not self._is_silent
         return arm if is_running else f"start it, {arm}"

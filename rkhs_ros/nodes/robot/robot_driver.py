@@ -154,7 +154,7 @@ class EpisodeDriver:
     def call(self, service: str) -> str:
         """Return the commands with which the operator calls a service of the node."""
         name = f"{self._node.get_fully_qualified_name()}/{service}"
-        return f"rkhs robot {service}, or ros2 service call {name} std_srvs/srv/Trigger"
+        return f"rkhs robot {service} FOLDER, or ros2 service call {name} std_srvs/srv/Trigger"
 
     def _blindness(self) -> str:
         """Return which sensors are unusable, and why; empty if all are usable."""

@@ -7,7 +7,7 @@ from types import FrameType
 
 import pytest
 
-from rkhs_ros.base.endings import Stop
+from rkhs_ros.base.endings import Stop, StoppedError
 
 OUR, DEADLINE = signal.SIGUSR1, signal.SIGALRM
 
@@ -46,3 +46,20 @@ def test_a_signal_may_interrupt_the_handler_at_any_line(stop: Stop) -> None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     assert lines > 0
     assert stop.is_set()
+
+
+def request(stop: Stop, reached: list[str], *, held: bool) -> None:
+    with stop.interrupting():
+        with stop.interrupting(not held):
+            signal.raise_signal(OUR)
+            reached.append("inner")
+        reached.append("outer")
+
+
+@pytest.mark.parametrize(("held", "expected"), [(True, ["inner"]), (False, [])])
+def test_the_first_request_interrupts_a_block_unless_it_is_held(stop: Stop, held: bool, expected: list[str]) -> None:
+    reached: list[str] = []
+    with pytest.raises(StoppedError):
+        request(stop, reached, held=held)
+    assert reached == expected
+    signal.raise_signal(OUR)  # a further request interrupts nothing, so that results are written
