@@ -201,6 +201,14 @@ def test_the_reset_steps_run_in_order_before_each_episode(begin: Callable[..., P
     assert reason(bench.ended(identity)) == ""
 
 
+def test_a_silent_learner_ends_a_reset(begin: Callable[..., Process], bench: Bench) -> None:
+    begin(reset={"steps": ["person"]}, learner_timeout=0.5)
+    identity = bench.start()
+    bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
+    bench.silent = {"learner"}
+    assert "no heartbeat of the learner" in reason(bench.ended(identity))
+
+
 def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
     begin(reward={"function": "math:gcd"})
     bench.start()

@@ -137,8 +137,8 @@ class EpisodeDriver:
             return self._clock.due
         self._clock = self._clock.ticked(now)
         obstacle = self._obstacle()
-        if self._reset is not None and obstacle:
-            self.discard(obstacle)
+        if self._reset is not None and (fault := obstacle or self._silence(now)):
+            self.discard(fault)
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
