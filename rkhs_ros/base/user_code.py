@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.endings import RunError, StoppedError
 from rkhs_ros.base.search_path import searches_here
 from rkhs_ros.base.validation import hint, require, truncated
 
@@ -88,11 +88,17 @@ def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64
         with np.errstate(), _no_longer_than(seconds):  # isolates the function from our np.errstate
             return function(*(array.copy() for array in arrays))
     except BaseException as error:  # user code may raise anything
-        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            raise  # with another handler, Ctrl-C does not raise it: the function did
+        if is_interrupt(error):
+            raise
         if isinstance(error, HangError):
             raise RunError(f"did not return within {seconds:g} s") from error
         raise RunError(f"{type(error).__name__}: {truncated(error)}") from error
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Return whether a signal, not user code, raised an error: if another handler is set, Ctrl-C does not raise it."""
+    by_ctrl_c = isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return by_ctrl_c or isinstance(error, StoppedError)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
+from rkhs_ros.base.endings import deferred_signals
 from rkhs_ros.base.files import MOST_BYTES, named, sync_to_disk
 from rkhs_ros.base.validation import require
 
@@ -82,9 +83,11 @@ class MessageFile:
         Raises:
             OSError: the message cannot be written; the file is unchanged.
         """
-        self._number += 1
-        self._writer.add_message(self._channel(message), message.time, message.content, message.published, self._number)
-        self._send()
+        with deferred_signals():
+            self._number += 1
+            channel = self._channel(message)
+            self._writer.add_message(channel, message.time, message.content, message.published, self._number)
+            self._send()
 
     def close(self) -> None:
         """Write the index, which other readers use. The index is optional for our reader.

@@ -13,6 +13,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.user_code import is_interrupt
 from rkhs_ros.base.validation import LARGEST, all_within, require, truncated
 from rkhs_ros.policies.input_names import reported_names
 from rkhs_ros.policies.spaces import Spaces
@@ -180,9 +181,9 @@ class Simulation:
         """Call the environment; report errors with the environment's id, index and step."""
         try:
             return call(*arguments)
-        except KeyboardInterrupt:
-            raise
         except BaseException as error:
+            if is_interrupt(error):
+                raise
             index = "" if self._envs.current is None else f" of environment {self._envs.current}"
             kind = "" if isinstance(error, RunError) else f"{type(error).__name__}: "
             raise RunError(f"{self.environment}: {doing}{index}: {kind}{truncated(error)}") from error

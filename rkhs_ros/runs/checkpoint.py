@@ -80,9 +80,9 @@ class Checkpoints:
             OSError: the checkpoint cannot be written; the earlier one is unchanged.
         """
         if self._newest is not None:
-            newest, self._newest = self._newest, None
             sync_to_disk(self._folder / RECORDING)
-            write_checkpoint(self._folder, self._config, newest)
+            write_checkpoint(self._folder, self._config, self._newest)
+            self._newest = None  # after the file is written, which may be interrupted
             self._due = self._clock() + WRITE_EVERY
 
 
