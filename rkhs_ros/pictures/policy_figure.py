@@ -25,6 +25,7 @@ MOST_ACTIONS = 3  # with a plot
 PANEL, LEAST_WIDTH, HEIGHT = 4.6, 6.6, 4.6  # inches
 LINE_POINTS, PLANE_POINTS = 300, 150  # along each axis
 MOST_DOTS = 300  # visited points drawn
+LEAST_EXPLAINED = 0.3  # share of the action's variance below which a slice would show another policy
 JUMP = 0.5  # of the range: steps farther apart are not joined, for example at a wrapped angle
 HALO = [withStroke(linewidth=3.5, foreground="white")]
 
@@ -101,7 +102,8 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
 
     Pairs of inputs that lie on a circle, such as a cosine and a sine, are drawn as one angle.
     One or two inputs are drawn completely. With more inputs, the upper plot is a slice through the medians of the
-    visited points, along the two inputs that explain most of the action there; the lower plot is the action over time.
+    visited points, along the two inputs that explain most of the action there, or only these points if no two inputs
+    explain it; the lower plot is the action over time.
 
     Args:
         policy: policy to draw.
@@ -157,11 +159,16 @@ def _slice(axes: Axes, view: View, column: int) -> None:
     spans = _spans(view.visited[:, columns], PLANE_POINTS)
     values = action(on_slice(view.visited, columns, _grid(spans))).reshape(PLANE_POINTS, PLANE_POINTS)
     norm = _norm(view, column, np.concatenate([values.ravel(), action(view.visited)]))
-    _coloured(axes, spans, values, norm, view.actions[column])
+    is_explained = not explained < LEAST_EXPLAINED  # nan if the action is constant
+    if is_explained:
+        _coloured(axes, spans, values, norm, view.actions[column])
     some = view.visited[np.linspace(0, len(view.visited) - 1, min(len(view.visited), MOST_DOTS)).astype(int)]
     x, y = some[:, columns].T
-    axes.scatter(x, y, 14, action(some), cmap=_map(norm), norm=norm, edgecolors="black", linewidths=0.4)
+    dots = axes.scatter(x, y, 14, action(some), cmap=_map(norm), norm=norm, edgecolors="black", linewidths=0.4)
     title = f"the 2 of {len(view.inputs)} inputs that explain most: {_percent(explained)}; dots: visited"
+    if not is_explained:
+        colour_bar(axes, dots, view.actions[column])
+        title = f"visited points; no 2 of {len(view.inputs)} inputs explain the action"
     label(axes, view.inputs[columns[0]], view.inputs[columns[1]], title)
 
 
@@ -175,7 +182,7 @@ def _times(axes: Axes, view: View, column: int) -> None:
 
 
 def _percent(explained: float) -> str:
-    return "all, as it does not vary" if isnan(explained) else f"{max(explained, 0.0):.0%}"
+    return "all, as it does not vary" if isnan(explained) else f"{explained:.0%}"
 
 
 def _coloured(axes: Axes, spans: tuple[Array, ...], values: Array, norm: Normalize, name: str) -> None:

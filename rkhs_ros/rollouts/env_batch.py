@@ -21,6 +21,7 @@ Flags = NDArray[np.bool_]
 AnyEnv = Env[Any, Any]
 AnyVectorEnv = VectorEnv[Any, Any, Any]
 MOST_COPIES = 32  # of an environment in a batch; more copies do not save time
+FLAG_KINDS = "biu"  # numpy kinds of terminated and truncated
 MOST_SEEDS = 2**32  # of environments with an old random generator
 MOST_VECTORS = 8  # cached vector environments; more than a run has kinds of batches
 
@@ -142,7 +143,7 @@ class SeparateEnvs:
             observation, reward, terminated, truncated, _ = self._copies[i].step(actions[i, ...])
             self._observations[i] = self._real(observation)
             result.rewards[i] = np.asarray(reward, dtype=np.float64).item()  # some environments return an array of one
-            result.terminated[i], result.truncated[i] = terminated, truncated
+            result.terminated[i], result.truncated[i] = _flag(terminated, "terminated"), _flag(truncated, "truncated")
         return result._replace(observations=self._observations.copy())
 
     def close(self) -> None:
@@ -270,6 +271,14 @@ def _real(observation: Any, kind: Any) -> NDArray[Any]:
         return array
     with np.errstate(over="ignore"):  # the simulation reports infinite numbers with environment and step
         return array.astype(kind)
+
+
+def _flag(value: Any, name: str) -> bool:
+    """Return a flag of a step; raise RunError unless it is true or false."""
+    array = np.asarray(value)
+    if array.size != 1 or array.dtype.kind not in FLAG_KINDS:
+        raise RunError(f"expected {name} to be True or False, got {truncated(repr(value))}")
+    return bool(array.item())
 
 
 def _num_envs(env: AnyEnv) -> int:

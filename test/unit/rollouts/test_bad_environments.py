@@ -100,6 +100,16 @@ class Still(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.zeros(1, np.float32), 0.0, False, False, {}
 
 
+@pytest.mark.parametrize("flag", [None, "False", float("nan"), [True, False]])
+def test_a_flag_that_is_neither_true_nor_false_is_refused(
+    monkeypatch: pytest.MonkeyPatch, random_policy: Callable[..., GaussianPolicy], flag: Any
+) -> None:
+    monkeypatch.setattr(Still, "step", lambda self, action: (np.zeros(1, np.float32), 0.0, flag, False, {}))
+    runner = InlineRunner(Simulation(Still))
+    with pytest.raises(RunError, match="step 1 of environment 0: expected terminated to be True or False, got "):
+        runner.collect(random_policy(d=1, n=1), Batch(0, 0, 1, 5, explore=False))
+
+
 @pytest.mark.parametrize("metadata", [None, {"render_fps": 0}])
 def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
     monkeypatch.setattr(Still, "metadata", metadata)
