@@ -102,6 +102,7 @@ def serve(
         finally:
             page.stop_listening()
             page.announce_end()
+            server.flush()
             time.sleep(END_MESSAGE_S)
     finally:
         with redirect_stdout(StringIO()):
