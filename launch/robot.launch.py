@@ -17,7 +17,7 @@ from launch.substitutions import LaunchConfiguration
 
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.base.search_path import search_here
+from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.launching import DEFAULTS, OF_ALL_NODES, nodes_of_run
 from rkhs_ros.nodes.core.names import require_known_arguments

@@ -15,7 +15,6 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import (
     LOCKSTEP_QOS,
@@ -24,7 +23,7 @@ from rkhs_ros.nodes.core.messages import (
     observation_message,
     show,
 )
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
+from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known, require_section
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix

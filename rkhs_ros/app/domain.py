@@ -7,8 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.files import read_whole
-from rkhs_ros.base.lock import locked
+from rkhs_ros.base.files import locked, read_whole
 from rkhs_ros.base.validation import require
 
 VARIABLE = "ROS_DOMAIN_ID"

@@ -13,10 +13,8 @@ from types import FrameType
 
 from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, deferred_signals
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS, ROBOT
-from rkhs_ros.base.processes import terminate_with_parent
-from rkhs_ros.base.search_path import python
-from rkhs_ros.base.yaml_text import dumped, require_ros_value
+from rkhs_ros.base.processes import python, terminate_with_parent
+from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, ROBOT, dumped, require_ros_value
 from rkhs_ros.nodes.core.names import node_names
 from rkhs_ros.runs.config import Config
 

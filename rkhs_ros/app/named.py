@@ -7,7 +7,7 @@ import argparse
 import re
 from pathlib import Path
 
-from rkhs_ros.base.search_path import search_here
+from rkhs_ros.base.processes import search_here
 
 OF_MODULE = re.compile(r"\w:\w")  # in MODULE:NAME
 SUFFIXES = (".yaml", ".yml")  # of a configuration

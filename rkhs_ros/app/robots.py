@@ -38,7 +38,7 @@ def check_robot(config: Config) -> Spaces:
             settings_of(str(section.pop("robot", DEFAULT)), section)
     _check_together(task, gate)
     if not missing_ros():
-        from rkhs_ros.nodes.robot.robot_topics import check_topics  # here, since the import needs ROS
+        from rkhs_ros.nodes.robot.sensor_topics import check_topics  # here, since the import needs ROS
 
         check_topics(task, gate)
     for line in ineffective_actions(task, limits.limits):

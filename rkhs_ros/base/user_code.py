@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError, StoppedError
-from rkhs_ros.base.search_path import searches_here
+from rkhs_ros.base.processes import searches_here
 from rkhs_ros.base.validation import hint, require, truncated
 
 ADD_TO_PATH = "add the folder to PYTHONPATH"  # to import a module from it

@@ -1,4 +1,4 @@
-"""Read and write YAML with the same types as ROS parameter files.
+"""Read and write YAML with the same types as ROS parameter files, and match their sections to nodes.
 
 PyYAML reads 1e5 and nan as text and 1:30 as a number, and it recognises dates; ROS does not, and neither does this
 reader. It limits the size and depth of untrusted text. It rejects aliases, which ROS does not support and which can
@@ -6,7 +6,7 @@ expand without bound.
 """
 
 import re
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -147,3 +147,48 @@ def _is_ros_scalar(value: Any) -> bool:
     if isinstance(value, float):
         return abs(value) < float("inf")
     return isinstance(value, bool) or (isinstance(value, int) and -MOST_INT64 <= value <= MOST_INT64)
+
+
+PARAMETERS = "ros__parameters"  # the key below the name of a node
+# Sections for these nodes in any namespace.
+SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"
+ROBOT, GATE, SIMULATED_ROBOT = "/**/robot", "/**/gate", "/**/simulated_robot"
+WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
+
+
+def read_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the sections of a ROS parameter file by node name, as written in the file.
+
+    Raises:
+        ValueError: the file is not a ROS parameter file.
+        OSError: the file cannot be read.
+    """
+    document = read_yaml(path)
+    require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
+    sections: dict[str, dict[str, Any]] = {}
+    for name, section in _flat(document):
+        parameters: Any = section[PARAMETERS] if isinstance(section, dict) and list(section) == [PARAMETERS] else None
+        require(isinstance(parameters, dict), f"{path}: {name}", PARAMETERS, section)
+        sections[name] = parameters
+    return sections
+
+
+def is_for(section: str, node: str) -> bool:
+    """Return whether a section applies to a node.
+
+    Args:
+        section: name of the section in the file, possibly with wildcards, such as ``/**/simulator``.
+        node: full name of the node, such as ``/lab/simulator``.
+    """
+    parts = section.strip("/").split("/")
+    return re.fullmatch("".join(WILDCARDS.get(part, "/" + re.escape(part)) for part in parts), node) is not None
+
+
+def _flat(document: Mapping[Any, Any], namespace: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the sections; the name of a section within a namespace begins with the namespace."""
+    for name, section in document.items():
+        inner = isinstance(section, dict) and section and all(isinstance(value, dict) for value in section.values())
+        if inner and PARAMETERS not in section:
+            yield from _flat(section, f"{namespace}{name}/")
+        else:
+            yield f"{namespace}{name}", section

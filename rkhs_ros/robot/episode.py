@@ -1,7 +1,9 @@
-"""One episode on a robot, timed by the wall clock."""
+"""One episode on a robot, timed by the wall clock, and its elastic clock."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
 
@@ -11,7 +13,6 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Execution
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.clock import ElasticClock, StepTiming
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import RobotTask
 
@@ -19,6 +20,59 @@ from rkhs_ros.robot.task import RobotTask
 REFUSED, NOT_ARMED = 16, 32
 MISSED, LATE, NO_REPORT = 256, 512, 1024
 LAST_ACTIONS_TIMEOUT_S = 0.5  # wait after the last step for late actions
+SLACK = 0.1  # fraction of the period by which a tick may be late without shifting the ticks after it
+
+
+@dataclass(frozen=True)
+class ElasticClock:
+    """A periodic clock that tolerates late ticks.
+
+    A slightly late tick does not shift later ticks, which preserves the mean period. A very late tick shifts all later
+    ticks: otherwise the next step would be too short, and its action would act for less time than the policy expects.
+
+    Attributes:
+        period: seconds.
+        due: monotonic time of the next tick, seconds.
+    """
+
+    period: float
+    due: float
+
+    def ticked(self, now: float) -> ElasticClock:
+        """Return the clock after the tick that was due."""
+        return replace(self, due=(now if self.is_late(now) else self.due) + self.period)
+
+    def is_late(self, now: float) -> bool:
+        """Return whether a tick now is so late that it shifts those after it."""
+        return now - self.due > SLACK * self.period
+
+
+@dataclass(frozen=True)
+class StepTiming:
+    """Durations of the steps of a robot.
+
+    Attributes:
+        steps: number of steps.
+        seconds: total duration.
+        worst: duration of the longest step, seconds.
+    """
+
+    steps: int = 0
+    seconds: float = 0.0
+    worst: float = 0.0
+
+    def with_step(self, seconds: float) -> StepTiming:
+        """Return the timing with one more step."""
+        return StepTiming(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
+
+    def __add__(self, other: StepTiming) -> StepTiming:
+        """Return the timing of the steps of both."""
+        return StepTiming(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
+
+    @property
+    def mean(self) -> float:
+        """Mean duration of a step, seconds; 0 before the first one."""
+        return self.seconds / self.steps if self.steps else 0.0
 
 
 class Reading(NamedTuple):

@@ -12,10 +12,10 @@ import numpy as np
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import hint, numbers, require, truncated
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.commands import KINDS, UNITS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-JOINT_FIELDS = KINDS
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}  # of revolute joints, by field of a JointState
+JOINT_FIELDS = tuple(UNITS)
 # Units of the vectors in standard messages; the orientation of a Pose has none.
 UNITS_OF_VECTORS = {
     "position": "m",

@@ -1,22 +1,189 @@
-"""A robot's task: its observations, commands and rewards, as given by a configuration."""
+"""A robot's task: its observations, commands, rewards and end, as given by a configuration."""
+
+from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.settings import Entry, Settings, build, entries, setting
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.user_code import call_user_function, user_function
+from rkhs_ros.base.validation import LARGEST, numbers, require, truncated
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.robot.commands import Commands
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.limits import KINDS
 from rkhs_ros.robot.reset import Reset
-from rkhs_ros.robot.rules import End, Reward, Rules
-from rkhs_ros.robot.sensors import Sensor, Sensors
+from rkhs_ros.robot.sensors import TYPE, UNITS, Sensor, Sensors, parts_of
 
 NAME = re.compile(r"[A-Za-z]\w*")
+T = TypeVar("T")
+Rule = Callable[[Array, Array, Array], Any]
+ANSWER_TIMEOUT_S = 2.0  # after which a function counts as hanging; the gate has stopped the robot by then
+CALLED_WITH = "of observation, executed action and next observation"
+
+
+@dataclass(frozen=True)
+class Commands(Settings):
+    """The affine map from an action to a command: clip to the bounds, multiply by the scale, add the offset.
+
+    Attributes:
+        minimum: least action, shape (n,).
+        maximum: greatest action, shape (n,).
+        scale: change of the command per unit of the action, one number or one per action.
+        offset: command for the action 0, one number or one per action.
+        kind: quantity that a command sets; the motion to the home position depends on it.
+        unit: of the commands, one or one per action; if empty, that of the kind for revolute joints.
+    """
+
+    minimum: tuple[float, ...] = setting((-1.0,), "least actions", minimum=-1e9, maximum=1e9)
+    maximum: tuple[float, ...] = setting((1.0,), "greatest actions", minimum=-1e9, maximum=1e9)
+    scale: tuple[float, ...] = setting(
+        (1.0,), "command for one unit of the action, one or one per action", minimum=-1e9, maximum=1e9
+    )
+    offset: tuple[float, ...] = setting(
+        (0.0,), "command for the action 0, one or one per action", minimum=-1e9, maximum=1e9
+    )
+    kind: str = setting("position", "quantity that a command sets", choices=KINDS)
+    unit: tuple[str, ...] = setting((), "units for figures, one or one per action; empty for rad, rad/s or N m")
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if sizes disagree, bounds are contradictory, or an action has no effect."""
+        super().__post_init__()
+        count = len(self.minimum)
+        require(len(self.maximum) == count, "action.maximum", numbers(count), len(self.maximum))
+        for name in ("scale", "offset", "unit"):
+            size = len(getattr(self, name))
+            require(size in (1, count) or (name == "unit" and not size), f"action.{name}", numbers(1, count), size)
+        crossed = any(low >= high for low, high in zip(self.minimum, self.maximum, strict=True))
+        require(not crossed, "action.minimum", "less than action.maximum", self.minimum)
+        require(0.0 not in self.scale, "action.scale", "nonzero numbers (0 makes actions ineffective)", self.scale)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of an action, and of a command."""
+        return len(self.minimum)
+
+    def names(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return the name of each action that commands a joint, for example "elbow position (rad)".
+
+        If the scale is not 1, the unit contains it, for example "elbow position (2 rad)".
+        """
+        count = self.dimension
+        units, scales = _each(self.unit or (UNITS[self.kind],), count), _each(self.scale, count)
+        units = [unit if scale == 1.0 else f"{scale:g} {unit}" for unit, scale in zip(units, scales, strict=True)]
+        return tuple(f"{joint} {self.kind} ({unit})" for joint, unit in zip(joints, units, strict=True))
+
+    def command(self, action: Array) -> Array:
+        """Return the command for an action, both of shape (n,)."""
+        bounded = np.clip(action, self.minimum, self.maximum)
+        return np.asarray(np.array(self.offset) + np.array(self.scale) * bounded)
+
+    def action(self, command: Array) -> Array:
+        """Return the action that results in this command, both of shape (n,)."""
+        return np.asarray((command - np.array(self.offset)) / np.array(self.scale))
+
+
+def _each(values: Sequence[T], count: int) -> list[T]:
+    """Return `count` values; a single one is repeated."""
+    return list(values) * count if len(values) == 1 else list(values)
+
+
+@dataclass(frozen=True)
+class Reward(Settings):
+    """The reward of a step: the result of a function, the value on a topic, or the sum of both."""
+
+    function: str = setting("", f"PACKAGE.MODULE:FUNCTION {CALLED_WITH}")
+    topic: str = setting("", "topic whose newest value is added to the reward")
+    type: str = setting("std_msgs/msg/Float64", "type of the topic's messages")
+    field: str = setting("data", "field of the messages that holds the value")
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if the type or the field of the topic is invalid."""
+        super().__post_init__()
+        require(bool(TYPE.fullmatch(self.type)), "reward.type", "PACKAGE/msg/TYPE", repr(self.type))
+        parts_of(self.field)
+
+
+@dataclass(frozen=True)
+class End(Settings):
+    """The end of an episode before the horizon."""
+
+    function: str = setting("", f"PACKAGE.MODULE:FUNCTION {CALLED_WITH}, true if the episode ends; empty for none")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The user's functions of a task.
+
+    Attributes:
+        reward: None if the reward comes from a topic only.
+        end: None if nothing ends an episode before the horizon.
+    """
+
+    reward: Rule | None
+    end: Rule | None
+
+    @classmethod
+    def of(cls, reward: Reward, end: End) -> Rules:
+        """Return the functions named by the settings.
+
+        Raises:
+            ValueError: a function cannot be imported.
+        """
+        return cls(_named(reward.function, "reward.function"), _named(end.function, "end.function"))
+
+    def step_reward(self, before: Array, executed: Array, after: Array, from_topic: float) -> float:
+        """Return the reward of a step.
+
+        Args:
+            before: observation before the step, shape (d,).
+            executed: executed action, shape (n,).
+            after: observation after the step, shape (d,).
+            from_topic: value of the reward topic; 0 without one.
+
+        Raises:
+            RunError: the function fails, or does not return a finite number.
+        """
+        step = before, executed, after
+        reward = from_topic + (_called(self.reward, "reward", float, "a number", *step) if self.reward else 0.0)
+        if not abs(reward) <= LARGEST:  # nan is not
+            raise RunError(f"reward: expected a finite number within {LARGEST:g}, got {reward}")
+        return reward
+
+    def is_terminal(self, before: Array, executed: Array, after: Array) -> bool:
+        """Return whether a step ends the episode.
+
+        Raises:
+            RunError: the function fails, or does not return true or false.
+        """
+        step = before, executed, after
+        return _called(self.end, "end", bool, "True or False", *step) if self.end else False
+
+
+def _named(path: str, what: str) -> Rule | None:
+    """Return the function of that name; None for an empty name."""
+    return user_function(path, what) if path else None
+
+
+def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, *arrays: Array) -> T:
+    """Call a function, and convert its result with `kind`.
+
+    Raises:
+        RunError: the function or the conversion fails.
+    """
+    try:
+        answer = call_user_function(function, *arrays, seconds=ANSWER_TIMEOUT_S)
+    except RunError as error:
+        raise RunError(f"{what} function: {error}") from error
+    try:
+        return kind(answer)
+    except Exception as error:  # the result is the user's object: converting it can raise anything
+        raise RunError(f"{what} function: expected {expected}, got {truncated(repr(answer))}") from error
 
 
 @dataclass(frozen=True)

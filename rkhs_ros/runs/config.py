@@ -7,10 +7,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.parameter_files import PARAMETERS, read_sections
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.base.validation import hint, require, truncated
-from rkhs_ros.base.yaml_text import loaded, require_ros_value
+from rkhs_ros.base.yaml_text import PARAMETERS, loaded, read_sections, require_ros_value
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.defaults import settings_for

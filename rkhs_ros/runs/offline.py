@@ -5,9 +5,8 @@ from dataclasses import replace
 from math import ceil
 from typing import Any
 
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.found import Known
 from rkhs_ros.learning.iteration import Iteration

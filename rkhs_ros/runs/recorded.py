@@ -8,9 +8,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Protocol
 
-from rkhs_ros.base.parameter_files import LEARNER, PARAMETERS
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.execution import Record
 from rkhs_ros.learning.iteration import Iteration

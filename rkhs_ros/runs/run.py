@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from rkhs_ros.base.lock import locked
+from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
 from rkhs_ros.learning.execution import discard

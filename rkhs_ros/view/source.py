@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from rkhs_ros.base.lock import is_locked
+from rkhs_ros.base.files import is_locked
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.model_based.settings import ModelBased, ModelSettings

@@ -10,10 +10,9 @@ from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from rkhs_ros.base.settings import entries
-from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, now_by_both_clocks
-from rkhs_ros.nodes.core.parameters import declare, declared, given
+from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
 from rkhs_ros.nodes.core.publishers import SinglePublishers
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of

@@ -11,7 +11,7 @@ import pytest
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.lockstep.progress_topic import PERIOD_S
+from rkhs_ros.nodes.lockstep.learner_node import PERIOD_S
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.run import run_training
 from test.ros.conftest import PATIENCE, ROOT, Probe, Process

@@ -27,7 +27,6 @@ class Diagnostics:
     what the operator has to do, and which subscribed topics have more than one publisher.
 
     Args:
-        node: the reporting node.
         report: returns further values to report.
         topics: subscribed topics that should have a single publisher.
     """
@@ -57,12 +56,7 @@ class Diagnostics:
 
     @contextmanager
     def accepting(self, response: Any, what: str) -> Iterator[None]:
-        """Set a service's response to accepted, or to refused with the message of a ValueError or TypeError.
-
-        Args:
-            response: of the service, with ``accepted`` and ``message``.
-            what: description of the request, used in the log.
-        """
+        """Set a service's response to accepted, or to refused with the message of a ValueError or TypeError."""
         try:
             yield
             response.success = True

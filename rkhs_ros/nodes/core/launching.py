@@ -24,12 +24,7 @@ DEFAULTS = {"namespace": "", "log_level": "info", "use_sim_time": "false"}
 
 
 def nodes_of_run(robot: Collection[str], parameters: Path, given: Mapping[str, str]) -> list[Action]:
-    """Return the nodes of a run, all of which exit with the first one that exits.
-
-    Args:
-        robot: names of the nodes that replace the simulator.
-        parameters: parameter file of all nodes.
-        given: values of the arguments `OF_ALL_NODES`.
+    """Return the nodes of a run, with `robot` in place of the simulator; all exit with the first one that exits.
 
     Raises:
         ValueError: a value is invalid.

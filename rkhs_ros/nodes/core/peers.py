@@ -32,13 +32,9 @@ class Peers:
 
     Owns the executor of the calling node.
 
-    Args:
-        node: the calling node.
-        timeout_s: after which a silent node is an error.
-
     Attributes:
         stop: set when the process must exit.
-        timeout_s: as above.
+        timeout_s: seconds after which a silent node is an error.
     """
 
     def __init__(self, node: ReportingNode, timeout_s: float) -> None:

@@ -27,14 +27,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, StoppedError, print_error
-from rkhs_ros.base.search_path import search_here
+from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.streams import tolerate_lost_stderr
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.arguments import check_arguments
 from rkhs_ros.nodes.core.names import in_one_line
-from rkhs_ros.nodes.core.parameters import declare
+from rkhs_ros.nodes.core.parameters import check_arguments, declare
 from rkhs_ros.nodes.core.transport import by_udp
 
 if TYPE_CHECKING:
@@ -61,9 +60,7 @@ class ReportingNode(Node):
     """A node that reports its status, and has periodic work between messages.
 
     Args:
-        name: of the node.
         context: ROS context of a node that shares its process; None selects the default context.
-        namespace: of the node.
 
     Attributes:
         diagnostics: its status reports.

@@ -25,9 +25,6 @@ class SimulatorTopics:
 
     Owns the session. Reuses the batch of the last observation and the message of the last action, because making new
     ones at each step takes longer.
-
-    Args:
-        node: the policy node.
     """
 
     def __init__(self, node: PolicyNode) -> None:

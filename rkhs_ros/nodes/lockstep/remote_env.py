@@ -54,12 +54,6 @@ class RemoteNode(ReportingNode):
     """The client's node, with a ROS context of its own, so that the process may have other nodes.
 
     Owns the link to the simulator or robot node.
-
-    Args:
-        namespace: of the simulator or robot node.
-        domain: ROS domain; None for ROS_DOMAIN_ID.
-        timeout: seconds after which a silent node is an error.
-        hear: callback for observations.
     """
 
     def __init__(self, namespace: str, domain: int | None, timeout: float, hear: Callable[[Observation], None]) -> None:

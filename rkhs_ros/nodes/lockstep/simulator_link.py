@@ -46,8 +46,6 @@ class SimulatorLink:
     completion; the link sends heartbeats while the learner waits for them.
 
     Args:
-        node: the learner node.
-        peers: the learner's calls to other nodes.
         namespace: of the simulator.
         num_envs: environments in the coming batches.
         kind: assumed kind of node, `SIMULATOR` or `ROBOT`, until the node describes itself.
@@ -78,10 +76,7 @@ class SimulatorLink:
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
 
     def connect(self, expected: Environment | None) -> Environment:
-        """Wait for the simulator, and get its task.
-
-        Args:
-            expected: the required environment; None for any.
+        """Wait for the simulator, and get its task; any environment is accepted if None is expected.
 
         Raises:
             SilentError: the node does not answer in time.

@@ -32,10 +32,6 @@ class PolicyLink:
     """The learner's client of the policy node.
 
     Owns the policy in service and its version.
-
-    Args:
-        node: the learner node.
-        peers: the learner's calls to other nodes.
     """
 
     def __init__(self, node: Node, peers: Peers) -> None:
@@ -77,8 +73,6 @@ class TopicRunner:
     Owns the clients of simulator and policy node.
 
     Args:
-        node: the learner node.
-        peers: the learner's calls to other nodes.
         num_envs: number of environments of the coming batches; the simulator reports its capacity for it.
         kind: assumed kind of the node, `SIMULATOR` or `ROBOT`, until it describes itself.
 
@@ -94,10 +88,7 @@ class TopicRunner:
         self._policy = PolicyLink(node, peers)
 
     def connect(self, environment: Environment | None = None) -> Environment:
-        """Wait for simulator and policy node, and return the environment.
-
-        Args:
-            environment: the required environment of the simulator; None for any.
+        """Wait for simulator and policy node, and return the environment; any is accepted if None is given.
 
         Raises:
             SilentError: a node does not answer in time.

@@ -30,7 +30,6 @@ class GateLink:
     Owns the numbers of this process and of its commands, and the last reported state of the gate.
 
     Args:
-        node: the robot node.
         timeout: seconds without a report of a command after which the gate counts as dead.
         report: callback for each report, with the command's number, the executed command and the flags.
     """
@@ -114,10 +113,6 @@ class SimulatedRobotLink:
     Ends its protective stops automatically, unless a stop was requested; its gate arms itself.
 
     Owns the robot's last report, and the times of the last attempt, of the last obstacle and of its beginning.
-
-    Args:
-        node: the robot node.
-        gate: between the node and the robot.
     """
 
     def __init__(self, node: Node, gate: GateLink) -> None:

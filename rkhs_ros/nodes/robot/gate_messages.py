@@ -53,9 +53,6 @@ class JointStates:
     """Extracts the joints of a gate from JointState messages.
 
     Owns the positions of the joints in the last message.
-
-    Args:
-        joints: their names.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:

@@ -15,12 +15,10 @@ from std_srvs.srv import Trigger
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
-from rkhs_ros.nodes.core.parameters import declare, given
-from rkhs_ros.nodes.core.publishers import UNKNOWN, full_name, listed
-from rkhs_ros.nodes.core.sources import OBSTACLE, PREFIX, Source
+from rkhs_ros.nodes.core.parameters import declare, given, require_section
+from rkhs_ros.nodes.core.publishers import OBSTACLE, PREFIX, UNKNOWN, Source, full_name, listed
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,

@@ -15,8 +15,7 @@ from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.clock import ElasticClock
-from rkhs_ros.robot.episode import Reading, RobotEpisode
+from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
 from rkhs_ros.robot.reset import Answer, CallService, Failed, Joints, Move, ResetProcess, Wait
 from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
@@ -32,8 +31,6 @@ class EpisodeDriver:
     Owns the current episode, its reset and the last command.
 
     Args:
-        node: the robot node.
-        task: the robot's task.
         arms: whether the gate arms itself and protective stops end automatically; for simulated robots only.
         ended: called with each episode that has ended, after the command to hold.
 

@@ -13,16 +13,14 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError, Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.nodes.core.arguments import require_section
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
-from rkhs_ros.nodes.core.parameters import declare, declared, given
+from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.clock import StepTiming
-from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode
+from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode, StepTiming
 from rkhs_ros.robot.task import robot_task_from
 
 CALM_S = 0.005  # before the next due event, during which the node does nothing else

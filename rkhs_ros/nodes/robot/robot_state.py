@@ -17,10 +17,6 @@ class RobotState:
 
     Owns the end time of the last motion. Earlier motions are skipped, because a simulator is faster than a viewer.
 
-    Args:
-        node: the simulator node.
-        simulation: of a task with a robot.
-
     Raises:
         ValueError: the task has no robot.
     """

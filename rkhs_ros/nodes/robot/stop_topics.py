@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_msgs.msg import Bool
 
 from rkhs_ros.nodes.core.publishers import full_name
-from rkhs_ros.robot.stops import Publishers, StopRequests
+from rkhs_ros.robot.gate_state import Publishers, StopRequests
 
 # A transient-local subscription does not match a volatile publisher, nor a reliable one a best-effort one. For any
 # publisher, one of these is the best match. They keep all messages, so that none replaces an unread request.
@@ -30,7 +30,6 @@ class StopTopics:
     Owns the requests of each topic.
 
     Args:
-        node: the gate node.
         timeouts: seconds of silence that mean stop, by topic; 0 for no timeout.
         changed: called after each message, so that the gate acts on every request, also on one that is withdrawn by the
             next message.

@@ -48,11 +48,7 @@ class ReportListener(Node):
 
 
 class NodeReports:
-    """Receives the reports of the nodes and of the gate in one ROS domain, in a thread, until it is closed.
-
-    Args:
-        domain: number of the domain.
-    """
+    """Receives the reports of the nodes and of the gate in one ROS domain, in a thread, until it is closed."""
 
     def __init__(self, domain: int) -> None:
         self._context = Context()

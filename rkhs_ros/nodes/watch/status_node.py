@@ -18,7 +18,7 @@ from rkhs_ros.base.endings import Stop
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.diagnostics import REPORT_PERIOD_S
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.sources import PREFIX
+from rkhs_ros.nodes.core.publishers import PREFIX
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError, run
 from rkhs_ros.nodes.watch.node_reports import LISTEN_S, ReportListener, Statuses, values_of
 

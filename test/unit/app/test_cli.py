@@ -14,7 +14,7 @@ from rkhs_ros import __version__
 from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
-from rkhs_ros.base.parameter_files import read_sections
+from rkhs_ros.base.yaml_text import read_sections
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -157,7 +157,7 @@ def test_help_imports_the_standard_library_only() -> None:
             "rkhs_ros.app.named",
             "rkhs_ros.base",
             "rkhs_ros.base.endings",
-            "rkhs_ros.base.search_path",
+            "rkhs_ros.base.processes",
             "rkhs_ros.base.streams",
         )
     }

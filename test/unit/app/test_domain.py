@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rkhs_ros.app.domain import VARIABLE, domain_of, reserved_domain
-from rkhs_ros.base.lock import locked
+from rkhs_ros.base.files import locked
 
 
 @pytest.fixture(autouse=True)

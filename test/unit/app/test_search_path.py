@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.base.search_path import python, search_here
+from rkhs_ros.base.processes import python, search_here
 from test.unit.conftest import Result, assert_refused
 from test.unit.rollouts.test_custom_environment import MODULE
 

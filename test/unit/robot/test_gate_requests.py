@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.robot.stops import Publishers, StopRequests
+from rkhs_ros.robot.gate_state import Publishers, StopRequests
 
 A, B = {b"a": "/a"}, {b"b": "/b"}
 Messages = list[tuple[Publishers, bool]]  # who is on the topic, and whether a stop is requested

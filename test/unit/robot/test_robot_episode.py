@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.clock import SLACK, ElasticClock
-from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, Reading, RobotEpisode
-from rkhs_ros.robot.rules import End, Reward
+from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, SLACK, ElasticClock, Reading, RobotEpisode
 from rkhs_ros.robot.sensors import SensingError
-from rkhs_ros.robot.task import RobotTask, robot_task_from
+from rkhs_ros.robot.task import End, Reward, RobotTask, robot_task_from
 
 PERIOD, DEADLINE = 0.1, 0.05
 BATCH = Batch(seed=3, first_episode=7, num_envs=1, horizon=5, explore=True)

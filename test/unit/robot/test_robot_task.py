@@ -20,9 +20,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import spaces_fields, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy, save_policy
-from rkhs_ros.robot.commands import Commands
-from rkhs_ros.robot.rules import End, Reward, Rules
-from rkhs_ros.robot.task import robot_task_from
+from rkhs_ros.robot.task import Commands, End, Reward, Rules, robot_task_from
 
 HERE = "test.unit.robot.test_robot_task"
 SECTION: dict[str, Any] = {
@@ -151,7 +149,7 @@ def test_an_end_that_is_not_a_boolean_is_reported(name: str, message: str) -> No
 
 
 def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rkhs_ros.robot.rules.ANSWER_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("rkhs_ros.robot.task.ANSWER_TIMEOUT_S", 0.05)
     rules, ones, alarms = Rules.of(Reward(function=f"{HERE}:hangs"), End()), np.ones(2), []
     handler = signal.signal(signal.SIGALRM, lambda number, frame: alarms.append(number))
     left, _ = signal.setitimer(signal.ITIMER_REAL, 2.0)

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.search_path import search_here
+from rkhs_ros.base.processes import search_here
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner

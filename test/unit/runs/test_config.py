@@ -6,9 +6,8 @@ import pytest
 import yaml
 
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.base.parameter_files import is_for
 from rkhs_ros.base.settings import entries
-from rkhs_ros.base.yaml_text import dumped
+from rkhs_ros.base.yaml_text import dumped, is_for
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import KLStep
 from rkhs_ros.learning.training_settings import Training

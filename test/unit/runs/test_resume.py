@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.base.lock import locked
+from rkhs_ros.base.files import locked
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording

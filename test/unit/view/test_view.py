@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.base.lock import locked
+from rkhs_ros.base.files import locked
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.pictures.known import names_of
