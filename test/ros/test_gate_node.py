@@ -29,19 +29,6 @@ def begin(start: Callable[..., Process], probe: Probe, tmp_path: Path) -> Iterat
     yield from gates(start, probe, tmp_path)
 
 
-def test_a_second_sender_is_refused_during_the_stream_of_the_first(begin: Begin) -> None:
-    _, robot = begin(POSITION)
-    robot.until("disarmed")
-    assert robot.arm() == "holding"
-    assert not is_refused(robot.command(0.05, number=1))
-    assert is_refused(robot.command(-0.5, number=2, instance=8))
-    assert is_refused(robot.command(number=3, instance=8))  # nor may it end the stream
-    assert not is_refused(robot.command(0.06, number=4))
-    assert not is_refused(robot.command(number=5))
-    assert not is_refused(robot.command(0.04, number=6, instance=8))  # the first one holds now
-    assert min(each.message.data[0] for each in robot.sent) > -0.1
-
-
 def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> None:
     gate, robot = begin(POSITION)
     robot.until("disarmed")

@@ -27,29 +27,19 @@ def refusal(process: Process) -> str:
     return err
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "reason"), [("learner", None, "cannot read the parameter file: No such file")]
-)
-def test_an_unreadable_parameter_file_is_refused_in_one_line(
-    start: Start, tmp_path: Path, name: str, content: str | None, reason: str
-) -> None:
-    file = tmp_path / "run.yaml"
-    if content is not None:
-        file.write_text(content)
-    assert f"error: {file}: {reason}" in refusal(start(name, "--ros-args", "--params-file", file))
-
-
 def test_a_node_prints_its_usage_and_refuses_invalid_arguments_in_one_line(start: Start) -> None:
-    usage, plain, bogus = (
+    usage, plain, bogus, unreadable = (
         start("simulator", "--help"),
         start("learner", "run.yaml"),
         start("policy", "--ros-args", "--x"),
+        start("learner", "--ros-args", "--params-file", "nowhere.yaml"),
     )
     code, out, err = usage.finish()
     assert (code, err) == (0, "")
     assert "ros2 run rkhs_ros simulator --ros-args" in out
     assert "--ros-args --params-file run.yaml" in refusal(plain)
     assert "error: arguments: expected" in refusal(bogus)
+    assert "error: nowhere.yaml: cannot read the parameter file: No such file" in refusal(unreadable)
 
 
 def test_a_node_without_a_section_exits_with_an_error(start: Start, tmp_path: Path) -> None:
@@ -76,19 +66,6 @@ def test_nodes_in_a_namespace_share_one_file(start: Start, home: Path) -> None:
     assert (home / "run" / "policy.npz").is_file()
     told = "".join(learner.told)
     assert f"learning rkhs/Toy-v0; the results are in {home / 'run'}\n" in told
-
-
-def test_a_node_logs_when_it_is_ready(start: Start, probe: Probe) -> None:
-    nodes = {
-        "ready for episodes of rkhs/Toy-v0": start("simulator", "--ros-args", "--params-file", TOY),
-        "ready for a learner's policy": start("policy"),
-    }
-    for topic in ("observation", "action"):
-        probe.meet(topic)
-    for said, node in nodes.items():
-        node.interrupt()
-        assert node.finish() == (0, "", "")
-        assert [line.partition("]: ")[2] for line in node.told] == [said + "\n"]
 
 
 def test_the_reason_of_an_exit_is_on_rosout(start: Start, probe: Probe) -> None:

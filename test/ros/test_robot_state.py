@@ -93,15 +93,6 @@ def test_the_robots_description_and_motions_are_published(start: Start, probe: P
     assert {joint.get("name") for joint in tree.findall("joint") if joint.get("type") != "fixed"} == set(expected.names)
 
 
-def test_no_robot_state_is_published_by_default(start: Start, probe: Probe) -> None:
-    viewer = Viewer(probe)
-    begin(start, probe)
-    play(probe, batch=1)
-    probe.settle()
-    assert [probe.count_publishers(listener.topic_name) for listener in viewer.listeners] == [0, 0]
-    assert (viewer.states, viewer.descriptions) == ([], [])
-
-
 def test_robot_state_of_a_task_without_a_robot_is_refused(start: Start, domain: int) -> None:
     given = ("-p", "environment.id:=rkhs/Toy-v0", "-p", "robot_state:=true")
     message = "robot_state: expected a task with joints, got rkhs/Toy"

@@ -1,6 +1,8 @@
-"""Runs over topics and in process have bit-identical curves and policies."""
+"""Runs over topics and in process have bit-identical curves, policies and recordings."""
 
 import csv
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,14 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from rkhs_ros.app.cli import main
+from rkhs_ros.recordings.recording import read_recording
 from test.ros.conftest import ROOT, Process
+from test.unit.recordings.recorded_runs import content
 
 Start = Callable[..., Process]
 SHORT = ("--quiet", "--iterations", 3, "--seed", 7)
+WRAPPED = ROOT / "config" / "pendulum_wrap_model_nac.yaml"
+MODEL = ("--quiet", "--seed", 7, "--iterations", 2)
 
 
 def curve(folder: Path) -> list[dict[str, str]]:
@@ -40,6 +46,11 @@ def assert_same_bits(
         arrays = dict(a)
     for name in ("config.yaml", "final_evaluation.txt"):
         assert (folder / "ros" / name).read_text() == (folder / "inline" / name).read_text()
+    recorded, alone = (read_recording(folder / name) for name in ("ros", "inline"))
+    assert content(recorded) == content(alone)
+    assert recorded.head is not None
+    assert alone.head is not None
+    assert recorded.head.task == alone.head.task
     return arrays
 
 
@@ -99,3 +110,37 @@ def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_
     config = ROOT / "config" / "pr2_door_contextual.yaml"
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
     assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3)
+
+
+@pytest.mark.nightly
+def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Start, tmp_path: Path) -> None:
+    folder, timeout = tmp_path / "run", 1.0
+    small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")
+    long = ("model.updates=150", "model.rollouts=40", "model.centres=60", "algorithm.centres=30")
+    run = start("rkhs", "train", WRAPPED, *MODEL, "--out", folder, "--set", *small, *long)
+    code, _, err = run.finish()
+    assert (code, err) == (0, "")  # nor was a node started again
+    first, second = (float(row) for row in seconds(folder))
+    assert second - first > timeout, "training was too short for the test"
+
+
+def seconds(folder: Path) -> list[str]:
+    return [line.rpartition(",")[2] for line in (folder / "curve.csv").read_text().splitlines()[1:]]
+
+
+def test_inputs_that_change_during_a_run_are_bit_identical_over_topics(start: Start, tmp_path: Path) -> None:
+    config = tmp_path / "run.yaml"
+    environment = "{id: rkhs/Pendulum-v0, options: {angle: wrap}}"
+    config.write_text(f"simulator: {{ros__parameters: {{environment: {environment}}}}}\n")
+    small = ("horizon=60", "episodes_per_iteration=2", "evaluation_episodes=1", "timeout=60", "algorithm.centres=20")
+    model = ("model.form=gaussian_process", "model.updates=3", "model.rollouts=10")
+    more = ("model.centres=40", "exploration_sd=range")
+    arrays = assert_same_bits(start, tmp_path, (config, *MODEL, "--set", *small, *model, *more), 2)
+    inputs = json.loads(str(arrays["inputs"]))
+    assert inputs["angles"] == [0.0]
+    assert inputs["turns"] == [2.0 * math.pi]
+    assert arrays["weights"].any()
+    first, second = curve(tmp_path / "ros")
+    assert float(first["model_return"]) > 0.0
+    assert first["model_error"] == "nan"  # there was no model before
+    assert float(second["model_error"]) > 0.0

@@ -265,13 +265,6 @@ def test_a_limit_of_zero_is_a_limit(kind: str, limit: str) -> None:
 LIMIT_OF_OTHER = {"velocity": 10.0, "acceleration": 10.0, "step": 1.0, "maximum": 1.0}
 
 
-def test_a_range_of_zero_does_not_move() -> None:
-    world = armed_world(POSITION, minimum=0.0, maximum=0.0)
-    world.command([0.5, -0.5])
-    world.wait(0.2)
-    assert not np.array(world.outputs).any()
-
-
 def test_a_moving_joint_comes_to_rest_within_its_range() -> None:
     world = armed_world(POSITION, velocity=1.5, acceleration=2.0)  # braking takes 0.56 rad
     top = 0.0
