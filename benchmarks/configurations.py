@@ -20,8 +20,7 @@ from cmaes import CMA
 
 from command import parsed, parser
 from rkhs_ros.app.inline import iterations, runner_of
-from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, workers_of
+from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -265,7 +264,7 @@ def results_of(options: Namespace) -> list[Result]:
         for name in options.names or names()
         for seed in parse_seeds(options.seeds or seeds_of(name))
     ]
-    return list(run_parallel(measure, work, workers=workers_of(options), title="runs", quiet=options.quick))
+    return list(run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick))
 
 
 def main(options: Namespace) -> None:
@@ -283,7 +282,7 @@ if __name__ == "__main__":
     command.add_argument("--seeds", help="such as 100-119 or 100,105 (those of the documentation)")
     command.add_argument("--out", type=Path, metavar="FILE.csv", help="add the results to this file")
     command.add_argument("--tables", action="store_true", help="only print the tables of the file")
-    add_worker_arguments(command)
+    add_jobs_argument(command)
     from configurations import main as run  # by the name under which worker processes import it
 
     run(parsed(command, names=QUICK, seeds="100-101"))

@@ -19,8 +19,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from rkhs_ros.app.inline import runner_of
-from rkhs_ros.app.seeds import parse_seeds
-from rkhs_ros.app.study import add_worker_arguments, workers_of
+from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.threads import one_thread
@@ -159,7 +158,7 @@ def add_arguments(command: ArgumentParser, name: str, seeds: str, **tables: Mapp
     for kind, table in tables.items():
         command.add_argument(f"--{kind}", nargs="+", default=list(table), help="default: all, " + ", ".join(table))
     command.add_argument("--seeds", default=seeds, help=f"such as 0-9 or 0,2,5; default: {seeds}")
-    add_worker_arguments(command)
+    add_jobs_argument(command)
     folder = Path("results") / name
     command.add_argument("--out", type=Path, default=folder, help=f"folder; default: {folder}")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -176,7 +175,6 @@ def check_options(options: Namespace, **tables: Mapping[str, Any]) -> None:
         for name in names:
             pick(name, table, kind.removesuffix("s"))
         setattr(options, kind, names)
-    options.workers = workers_of(options)
     options.seeds = parse_seeds(options.seeds)
     options.out = options.out.resolve()  # runs may be in another folder
 
@@ -203,7 +201,7 @@ def train_missing(
         title: title of the progress bar.
     """
     failed = False
-    for path, why in run_parallel(learn, work, workers=options.workers, title=title, quiet=options.quiet):
+    for path, why in run_parallel(learn, work, jobs=options.jobs, title=title, quiet=options.quiet):
         if why is not None:
             failed = True
             print(f"failed: {path.stem}: {why}", file=sys.stderr)

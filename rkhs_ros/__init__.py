@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rkhs_ros.app.library import train as train
     from rkhs_ros.app.measure import compare as compare
     from rkhs_ros.app.measure import evaluate as evaluate
+    from rkhs_ros.app.measure import load_model as load_model
     from rkhs_ros.base.endings import RunError as RunError
     from rkhs_ros.learning.algorithms.ac import AC as AC
     from rkhs_ros.learning.algorithms.enac import ENAC as ENAC
@@ -39,12 +40,11 @@ if TYPE_CHECKING:
     from rkhs_ros.rkhs.kernels import Linear as Linear
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
     from rkhs_ros.rollouts.evaluation import Evaluation as Evaluation
-    from rkhs_ros.runs.learnt_model import load_model as load_model
     from rkhs_ros.studies.comparison import Comparison as Comparison
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),
-    "app.measure": ("compare", "evaluate"),
+    "app.measure": ("compare", "evaluate", "load_model"),
     "base.endings": ("RunError",),
     "learning.algorithms.ac": ("AC",),
     "learning.algorithms.enac": ("ENAC",),
@@ -61,7 +61,6 @@ _HOMES = {
     "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
     "rollouts.evaluation": ("Evaluation",),
     "studies.comparison": ("Comparison",),
-    "runs.learnt_model": ("load_model",),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_MODULES)

@@ -73,7 +73,7 @@ def _exit_code(arguments: Sequence[str]) -> int:
     try:
         with tolerate_closed_stdout():
             _check_encoding(arguments)
-            options = parser_of(_called(arguments)).parse_args(arguments)
+            options = _parsed(list(arguments))
             _check_settings(getattr(options, "set", None) or [])
             return int(options.run(options))
     except (ValueError, OSError, RunError) as error:
@@ -81,6 +81,15 @@ def _exit_code(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _parsed(arguments: list[str]) -> argparse.Namespace:
+    called = _called(arguments)
+    if not called or arguments[0] != called[0]:  # --help or --version
+        return parser_of(called).parse_args(arguments)
+    command = Parser(prog=f"rkhs {called[0]}", description=_description(called[0]))
+    _fill(command, called[0])
+    return command.parse_intermixed_args(arguments[1:])  # options may stand between files
 
 
 def _check_encoding(arguments: Sequence[str]) -> None:
@@ -119,12 +128,21 @@ def parser_of(called: Collection[str]) -> Parser:
     parser.add_argument("--version", action="version", version=f"rkhs_ros {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, about in COMMANDS.items():
-        command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.")
+        command = commands.add_parser(name, help=about, description=_description(name))
         if name in called:
-            module = import_module(f"rkhs_ros.app.commands.{name}")
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
+            _fill(command, name)
     return parser
+
+
+def _description(name: str) -> str:
+    return f"{COMMANDS[name][0].upper()}{COMMANDS[name][1:]}."
+
+
+def _fill(parser: Parser, name: str) -> None:
+    """Add the arguments of a command."""
+    module = import_module(f"rkhs_ros.app.commands.{name}")
+    module.add_arguments(parser)
+    parser.set_defaults(run=module.run)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed
 # The gate first brings the robot to rest, and the simulated robot must run until then.
 BRAKING_TIMEOUT_S = {"gate": 10.0, "simulated_robot": 6.0}
 POLL_INTERVAL_S = 0.05
+MOST_RESUMES, WINDOW_S = 5, 300.0  # of a run within the window; one more fault ends it
 LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot
 OWN_CODES = (0, FAILED, BAD_INPUT, RESUMABLE, INTERRUPTED)  # of a node; any other exit code means that it died
 COMPOSED = "simulator+policy"  # two nodes in one process
@@ -89,6 +90,36 @@ def launch(config: Config, parameters: Path, *, composed: bool = False) -> int:
     names = [COMPOSED, "learner"] if composed else node_names(config.environment.nodes)
     with started(names, parameters) as nodes, _signals_passed_to(nodes["learner"]):
         return _supervise(nodes, config.environment.id)
+
+
+def resuming(run: Callable[[], int], stored: Callable[[], int]) -> int:
+    """Run the nodes of a run, and resume it whenever a node has died or fallen silent.
+
+    A run that stores no further iteration is resumed as often at most, however long that takes: it may fail at the same
+    step each time.
+
+    Args:
+        run: runs the nodes until one ends, and returns the exit code; resumes the run if it has started.
+        stored: returns the number of stored iterations.
+
+    Returns:
+        Exit code of the run.
+    """
+    resumed: list[float] = []
+    code, iterations = run(), 0
+    while code == RESUMABLE:
+        now, before, iterations = time.monotonic(), iterations, stored()
+        if iterations > before:
+            resumed = [each for each in resumed if now - each < WINDOW_S]
+        if len(resumed) == MOST_RESUMES:
+            how = f"{MOST_RESUMES} times within {WINDOW_S:g} s or without a further iteration"
+            print(f"error: the run was resumed {how}", file=sys.stderr)
+            return FAILED
+        resumed.append(now)
+        count = f"{len(resumed)} of at most {MOST_RESUMES} times within {WINDOW_S:g} s"
+        print(f"warning: the run resumes after iteration {iterations} ({count})", file=sys.stderr)
+        code = run()
+    return code
 
 
 def launch_worlds(config: Config, parameters: Path) -> int:

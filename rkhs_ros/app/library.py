@@ -37,11 +37,10 @@ from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import Checkpoint, read_checkpoint, start_from
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import columns
+from rkhs_ros.runs.curve import columns, has_events
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import is_started, new_folder
 from rkhs_ros.runs.run import training_steps
-from rkhs_ros.runs.tensorboard import has_events
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

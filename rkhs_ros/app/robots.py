@@ -15,7 +15,6 @@ from rkhs_ros.robot.gate_settings import GateSettings, rules
 from rkhs_ros.robot.limits import Limits
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.report import last_policy
 from sim_nodes.robots import DEFAULT, settings_of
 
 
@@ -59,10 +58,9 @@ def robot_of(path: Path) -> Config | None:
         path: folder of the run, or a policy file in it.
 
     Raises:
-        ValueError: the folder contains no policy yet, or its configuration is invalid.
+        ValueError: the configuration is invalid.
     """
-    policy = last_policy(path) if path.is_dir() else path
-    file = policy.parent / "config.yaml"
+    file = (path if path.is_dir() else path.parent) / "config.yaml"
     config = load_config(file) if file.is_file() else None
     return config if config is not None and config.environment.nodes else None
 

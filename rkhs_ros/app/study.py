@@ -1,38 +1,89 @@
-"""Many runs in parallel, each in its folder; finished runs are not repeated."""
+"""Many runs in parallel, each in its folder: several seeds or settings; finished runs are not repeated."""
 
 import argparse
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.validation import require
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import begin, is_started
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.studies.workers import ALL_CORES, WorkerLostError, Workers, run_parallel
+from rkhs_ros.studies.workers import WorkerLostError, run_parallel
 
+SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
+MOST_SEEDS = 10_000
+PREFIX = "seed_"  # of the folder names
 LAST_FILE, LAST_PICTURE = "policy.npz", "policy.png"  # that a run writes
 KILLED = "its worker process, or another one, was killed"
 
 
-def add_worker_arguments(parser: argparse.ArgumentParser, what: str = "runs") -> None:
-    """Declare the options that choose the workers."""
-    parser.add_argument(
-        "--jobs", type=int, metavar="J", help=f"parallel {what} on this machine (default: number of cores)"
-    )
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster instead of this machine")
+def add_jobs_argument(parser: argparse.ArgumentParser, what: str = "runs") -> None:
+    """Declare the option that chooses the number of worker processes."""
+    parser.add_argument("--jobs", type=_jobs, metavar="J", help=f"parallel {what} (default: number of cores)")
 
 
-def workers_of(options: argparse.Namespace) -> Workers:
-    """Return the workers that the options choose.
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, got {text}")
+    return int(text)
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Return the seeds of a text such as "0-9", "0,2,5" or "0-3,7", in ascending order.
 
     Raises:
-        ValueError: the options conflict, or Dask is not installed.
+        ValueError: the text is not a list of numbers and ranges, a range is descending, a seed occurs twice, or there
+            are too many seeds.
     """
-    return Workers(ALL_CORES if options.jobs is None else options.jobs, options.scheduler)
+    seeds: set[int] = set()
+    for part in text.split(","):
+        match = SEEDS.fullmatch(part.strip())
+        if match is None:
+            raise ValueError(f"--seeds: expected seeds such as 0-9 or 0,2,5, got '{part.strip()}'")
+        first, last = int(match[1]), int(match[2] or match[1])
+        require(first <= last, "--seeds", "ascending ranges", part)
+        require(len(seeds) + last - first < MOST_SEEDS, "--seeds", f"at most {MOST_SEEDS} seeds", f"more in '{part}'")
+        given = range(first, last + 1)
+        require(seeds.isdisjoint(given), "--seeds", "each seed once", f"one of '{part.strip()}' twice")
+        seeds.update(given)
+    return tuple(sorted(seeds))
+
+
+def seed_folders(folder: Path) -> list[Path]:
+    """Return the absolute folders of the started runs of several seeds, in the order of the seeds."""
+    found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_started(path)]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
+
+
+def begin_seeds(
+    folder: Path, config: Config, seeds: Iterable[int], first_policy: Path | None = None
+) -> dict[Path, Config]:
+    """Start a run for each seed, so that each can be resumed; return the configurations by absolute folder.
+
+    Args:
+        folder: parent of the folders of the runs.
+        config: configuration of the runs, except for the seed.
+        seeds: seeds of the runs.
+        first_policy: file of the initial policy of all runs.
+
+    Raises:
+        OSError: a folder cannot be written.
+    """
+    trainings = {seed: replace(config.training, seed=seed) for seed in seeds}
+    runs = {folder.resolve() / f"{PREFIX}{seed}": replace(config, training=t) for seed, t in trainings.items()}
+    for path, each in runs.items():
+        path.mkdir()
+        start_from(path, each, load_policy(first_policy)[0] if first_policy else None)
+        begin(path, each)
+    return runs
 
 
 def study_folder(given: Path | None, *default: str) -> Path:
@@ -68,7 +119,7 @@ def require_all_used(changes: Sequence[str], others: Mapping[str, Iterable[str]]
 def make_missing(
     runs: Mapping[Path, Config],
     *,
-    workers: Workers,
+    jobs: int | None,
     title: str,
     quiet: bool,
     drawn: bool = False,
@@ -78,7 +129,7 @@ def make_missing(
 
     Args:
         runs: configurations by absolute folder, since workers may have another working directory.
-        workers: workers that execute the runs.
+        jobs: number of worker processes; None for one per core.
         title: title of the progress bar.
         quiet: show no progress bar.
         drawn: plot each run.
@@ -88,7 +139,7 @@ def make_missing(
     missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
-        ends.update(run_parallel(_make, missing, workers=workers, title=title, quiet=quiet))
+        ends.update(run_parallel(_make, missing, jobs=jobs, title=title, quiet=quiet))
     except WorkerLostError:
         ends |= {path: KILLED for path, *_ in missing if path not in ends}
     return {path: why for path, why in ends.items() if why is not None}

@@ -3,6 +3,8 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -135,10 +137,21 @@ def read_checkpoint(folder: Path, config: Config) -> Checkpoint | None:
             raise
         got = truncated(f"{type(error).__name__}: {error}")
         raise ValueError(f"{path}: expected an intact checkpoint, got a damaged one ({got}). {REMEDY}") from error
-    _check_same_run(path, about["settings"], config.settings)
+    _check_same_run(folder, about["settings"], config.settings)
     total, least = config.training.iterations, found.state.iterations + 1
     require(total >= least, "iterations", f"at least {least}, more than the finished ones", total)
     return found
+
+
+def initial_policy(folder: Path) -> str:
+    """Return a digest of the policy that a run was given to begin with; empty if none was given, or it is lost."""
+    digest = blake2b(digest_size=12)
+    with suppress(Exception):  # a damaged archive raises almost anything
+        arrays = _named("given_", unpacked(read_whole(folder / FILE)))
+        for name in sorted(arrays):
+            digest.update(arrays[name].tobytes())
+        return digest.hexdigest() if arrays else ""
+    return ""
 
 
 def _checkpoint(about: Mapping[str, Any], arrays: Arrays) -> Checkpoint:
@@ -151,13 +164,13 @@ def _checkpoint(about: Mapping[str, Any], arrays: Arrays) -> Checkpoint:
     return Checkpoint(state, rows, policy_of(best) if best else None, policy_of(given) if given else None)
 
 
-def _check_same_run(path: Path, began: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+def _check_same_run(folder: Path, began: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
     given = json.loads(json.dumps(settings))
     for name in [*given, *began]:
         expected, got = (each.get(name, "no such setting") for each in (began, given))
         if expected != got and name not in FREE:
             raise ValueError(
-                f"{path}: {name}: expected {expected} as at the start of the run, got {got}. Start another run"
+                f"{folder}: {name}: expected {expected} as at the start of the run, got {got}. Start another run"
             )
 
 

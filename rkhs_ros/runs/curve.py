@@ -1,6 +1,8 @@
-"""Learning curve of a run in a file, with one line per iteration."""
+"""Learning curve of a run in a file, with one line per iteration, and in TensorBoard event files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -8,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.files import named, read_whole, write_whole
-from rkhs_ros.base.validation import require, truncated
+from rkhs_ros.base.validation import require, require_extra, truncated
 from rkhs_ros.learning.iteration import Row
 
 END = "\r\n"
 PACE_OF = 20  # last iterations, whose mean duration predicts the rest
-
-
+EVENTS = "tensorboard"  # folder in that of the run
 NAN = float("nan")
 BEGINNING = Row(0, 0, 0, 0, NAN, NAN, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
 
@@ -94,3 +95,32 @@ class Curve:
 
 def _line(row: Row) -> str:
     return ",".join(map(str, row)) + END
+
+
+def has_events(folder: Path | None, requested: bool) -> bool:
+    """Return whether a run writes TensorBoard events: if this is requested, or if its folder contains events.
+
+    Raises:
+        ValueError: tensorboardX is not installed.
+    """
+    chosen = requested or (folder is not None and (folder / EVENTS).is_dir())
+    if chosen:
+        require_extra("tensorboardX", "tensorboard", "--tensorboard")
+    return chosen
+
+
+@contextmanager
+def logged(folder: Path, rows: Iterable[Row]) -> Iterator[Callable[[Row], None]]:
+    """Write the rows of a run as TensorBoard events; yield a function that adds a row."""
+    from tensorboardX import SummaryWriter  # an optional dependency
+
+    def add(row: Row) -> None:
+        for name, value in row._asdict().items():
+            if name != "iteration" and isfinite(value):
+                writer.add_scalar(name, value, row.iteration)
+        writer.flush()
+
+    with SummaryWriter(str(folder / EVENTS), purge_step=1) as writer:  # TensorBoard discards earlier events
+        for row in rows:
+            add(row)
+        yield add

@@ -16,10 +16,9 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
 from rkhs_ros.rollouts.evaluation import FinalEvaluation
-from rkhs_ros.runs import config_comments
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.provenance import provenance_lines
+from rkhs_ros.runs.provenance import found_comments, provenance_lines, resumed, with_comments
 
 CONFIGURATION = "config.yaml"
 ADVICE = "advice.txt"  # one line for each sign that the run does not learn
@@ -128,7 +127,7 @@ class Report:
         self._best, self.best_policy = max(evaluation_bounds(self.rows), default=-inf), best_policy
         self._restore()
         self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
-        self._configuration = config_comments.resumed(folder / CONFIGURATION, resolved(config), done)
+        self._configuration = resumed(folder / CONFIGURATION, resolved(config), done)
         write_whole(folder / CONFIGURATION, self._configuration.encode())
         self._curve.begin(self.rows)
 
@@ -142,8 +141,8 @@ class Report:
         self._curve.append(row)
         self.rows.append(row)
         self._save_if_best(iteration)
-        if comments := config_comments.found_comments(iteration, self._config.training):
-            self._configuration = config_comments.with_comments(self._configuration, comments)
+        if comments := found_comments(iteration, self._config.training):
+            self._configuration = with_comments(self._configuration, comments)
             write_whole(self.folder / CONFIGURATION, self._configuration.encode())
         self._last = iteration
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
@@ -16,10 +17,10 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rollouts.evaluation import final_evaluation
 from rkhs_ros.runs.checkpoint import FILE, REMEDY, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.curve import has_events, logged
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import Report, advice_in, begin, is_started, new_folder, old_folder
-from rkhs_ros.runs.tensorboard import has_events, logged
 
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
 
@@ -199,10 +200,12 @@ def finished(report: Report, checkpoints: Checkpoints | None = None) -> Iterator
     ends = [*([checkpoints.close] if checkpoints else []), report.finish]
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         for end in ends:
             with suppress(Exception):  # report the first error only
                 end()
+        if isinstance(error, FileNotFoundError) and not report.folder.is_dir():
+            raise RunError(f"{report.folder}: the folder was removed during the run") from error
         raise
     for end in ends:
         end()

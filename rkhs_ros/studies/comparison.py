@@ -15,6 +15,7 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.runs.checkpoint import initial_policy
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.aggregates import Aggregates, Estimate, aggregates, mean_over_runs
@@ -50,14 +51,14 @@ class LearningCurve:
     Attributes:
         label: name that distinguishes the curve from others.
         episodes: number of exploration episodes up to each iteration, shape (iterations,).
-        steps: number of environment steps in these episodes, likewise.
+        steps: number of environment steps up to the last of these iterations, mean over the runs.
         returns: discounted returns of evaluation episodes, shape (runs, iterations).
         is_evaluation: False if no iteration was evaluated; the returns are then those of the exploration episodes.
     """
 
     label: str
     episodes: Array
-    steps: Array
+    steps: float
     returns: Array
     is_evaluation: bool
 
@@ -70,9 +71,7 @@ class LearningCurve:
         final = mean_over_runs(self.returns[:, -1])
         kind = "evaluation" if self.is_evaluation else "exploration"
         runs = f" (mean of {len(self.returns)} runs, 95 % interval over the seeds)" if len(self.returns) > 1 else ""
-        return (
-            f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes ({self.steps[-1]:g} steps){runs}"
-        )
+        return f"{self.label}: {kind} return {final} after {self.episodes[-1]:g} episodes ({self.steps:g} steps){runs}"
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,7 @@ def _with_rows(runs: list[Run]) -> tuple[list[Run], list[str]]:
 
 
 def _grouped(runs: list[Run]) -> list[list[Run]]:
-    """Return the runs grouped by their settings.
+    """Return the runs grouped by their settings and initial policies.
 
     Raises:
         ValueError: two runs have the same settings and seed, so that one repeats the other.
@@ -155,7 +154,8 @@ def _grouped(runs: list[Run]) -> list[list[Run]]:
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
-        group, seed = groups.setdefault(repr(sorted(settings.items())), {}), run.config.training.seed
+        key = repr((sorted(settings.items()), initial_policy(run.folder)))
+        group, seed = groups.setdefault(key, {}), run.config.training.seed
         expected = "settings or a seed that no other run has"
         require(seed not in group, f"{run.folder}", expected, f"those of {_folder(group, seed)}")
         group[seed] = run
@@ -207,14 +207,14 @@ def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
     def column(name: str) -> Array:
         return np.array([[getattr(row, name) for row in rows[:length]] for rows in within])
 
-    returns, (episodes, steps) = (
-        column("evaluation_return"),
-        (column(name).mean(axis=0) for name in ("episodes", "steps")),
-    )
+    returns = column("evaluation_return")
+    episodes, steps = (column(name).mean(axis=0) for name in ("episodes", "steps"))
     evaluated = ~np.isnan(returns).any(axis=0)
     if not evaluated.any():
-        return LearningCurve(label, episodes, steps, column("exploration_return"), is_evaluation=False)
-    return LearningCurve(label, episodes[evaluated], steps[evaluated], returns[:, evaluated], is_evaluation=True)
+        return LearningCurve(label, episodes, float(steps[-1]), column("exploration_return"), is_evaluation=False)
+    return LearningCurve(
+        label, episodes[evaluated], float(steps[evaluated][-1]), returns[:, evaluated], is_evaluation=True
+    )
 
 
 def as_csv(comparison: Comparison) -> str:
@@ -250,7 +250,7 @@ def as_table(comparison: Comparison) -> Table:
 
 
 def _row(curve: LearningCurve) -> dict[str, Any]:
-    amounts = {"runs": len(curve.returns), "episodes": float(curve.episodes[-1]), "steps": float(curve.steps[-1])}
+    amounts = {"runs": len(curve.returns), "episodes": float(curve.episodes[-1]), "steps": curve.steps}
     return {"curve": curve.label, **amounts, **vars(curve.aggregates())}
 
 

@@ -4,7 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from rkhs_ros.app.study import add_worker_arguments, make_missing, study_folder, workers_of
+from rkhs_ros.app.study import add_jobs_argument, make_missing, study_folder
 from rkhs_ros.base.validation import require
 from rkhs_ros.paper.experiment import known, load_experiment
 from rkhs_ros.paper.figures import draw_experiment
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     out = Path("results/reproduce")
     parser.add_argument("figure", metavar="FIGURE", help=f"{', '.join(known())}, or all")
     parser.add_argument("--runs", type=int, metavar="N", help="independent runs per curve (default: as in the paper)")
-    add_worker_arguments(parser)
+    add_jobs_argument(parser)
     parser.add_argument(
         "--out", type=Path, default=out, metavar="DIR", help="folder for the results (default: %(default)s)"
     )
@@ -26,10 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the experiments, write their table and its picture, and print the paths."""
     require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
-    workers, out = workers_of(options), study_folder(options.out)
+    out = study_folder(options.out)
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
-        make = partial(make_missing, workers=workers, title=experiment.name, quiet=options.quiet)
+        make = partial(make_missing, jobs=options.jobs, title=experiment.name, quiet=options.quiet)
         table = reproduce(experiment, out, make, runs=options.runs or experiment.runs)
         picture = table.with_suffix(".png")
         draw_experiment(picture, experiment, load_table(table))

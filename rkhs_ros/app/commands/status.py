@@ -2,7 +2,7 @@
 
 import argparse
 
-from rkhs_ros.app.beside import add_folder, run_beside
+from rkhs_ros.app.commands.robot import add_folder, run_beside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of, warn_of_horizon
 from rkhs_ros.app.named import configuration
-from rkhs_ros.app.seeds import parse_seeds
 from rkhs_ros.app.study import (
-    add_worker_arguments,
+    add_jobs_argument,
     make_missing,
+    parse_seeds,
     report_failures,
     require_all_used,
     study_folder,
-    workers_of,
 )
 from rkhs_ros.base.endings import FAILED, INTERRUPTED
 from rkhs_ros.base.files import write_whole
@@ -53,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
     about = "returns; the tables contain the number of episodes until each is reached"
     add("--thresholds", nargs="+", type=float, default=[], metavar="R", help=about)
-    add_worker_arguments(parser)
+    add_jobs_argument(parser)
     about = "folder for the results (default: results/sweeps/NAME); pass the same folder to continue a sweep"
     add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
@@ -61,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run what is missing, and write the tables and the picture; return 1 and report the runs that failed, if any."""
-    workers, seeds, varied = workers_of(options), parse_seeds(options.seeds), parse_variations(options.vary)
+    seeds, varied = parse_seeds(options.seeds), parse_variations(options.vary)
     require_all_used(options.set, {"--vary": [each.name for each in varied], "--seeds": ["seed"]})
     require(all(map(isfinite, options.thresholds)), "--thresholds", "finite numbers", options.thresholds)
     configs = {
@@ -81,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     folders = {key: indexed_folder(out, config) for key, config in configs.items()}
     runs = {folders[key]: config for key, config in configs.items()}
     try:
-        failures = make_missing(runs, workers=workers, title=first.training.name, quiet=options.quiet)
+        failures = make_missing(runs, jobs=options.jobs, title=first.training.name, quiet=options.quiet)
     except KeyboardInterrupt:
         print("interrupted; run the same command to continue", file=sys.stderr)
         return INTERRUPTED

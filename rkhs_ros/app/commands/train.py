@@ -9,12 +9,17 @@ from typing import NamedTuple
 from rkhs_ros.app.commands.view import page_beside, require_viser, stay_with
 from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import check_environment, runner_of, untuned_config, warn_of_horizon
-from rkhs_ros.app.launcher import launch, write_parameters
+from rkhs_ros.app.launcher import launch, resuming, write_parameters
 from rkhs_ros.app.named import configuration, named
-from rkhs_ros.app.resuming import resuming
 from rkhs_ros.app.robots import check_robot, default_domain
-from rkhs_ros.app.seeds import begin_seeds, parse_seeds, seed_folders
-from rkhs_ros.app.study import add_worker_arguments, make_missing, report_failures, workers_of
+from rkhs_ros.app.study import (
+    add_jobs_argument,
+    begin_seeds,
+    make_missing,
+    parse_seeds,
+    report_failures,
+    seed_folders,
+)
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.ros import missing_ros, require_ros
 from rkhs_ros.base.streams import Lossy
@@ -27,7 +32,7 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import Curve, has_events
 from rkhs_ros.runs.report import (
     begin,
     interruption_summary,
@@ -38,7 +43,6 @@ from rkhs_ros.runs.report import (
     summary,
 )
 from rkhs_ros.runs.run import run_training
-from rkhs_ros.runs.tensorboard import has_events
 from rkhs_ros.studies.comparison import compare
 
 
@@ -58,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
-    add_worker_arguments(parser, "runs of --seeds")
+    add_jobs_argument(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
     about = "settings to replace, such as algorithm.ridge=0.1"
     add("--set", nargs="+", type=named, action="extend", default=[], metavar="KEY=VALUE", help=about)
@@ -77,10 +81,14 @@ def run(options: argparse.Namespace) -> int:
     if _has_several_seeds(options):
         require(not options.view, "--view", "a single run", "several seeds")
         return _train_several(options)
-    for name in ("jobs", "scheduler"):
-        given = getattr(options, name)
-        require(given is None, f"--{name}", "--seeds, or --resume of runs with several seeds", "one run")
-    prepared = _prepared(options)
+    require(options.jobs is None, "--jobs", "--seeds, or --resume of runs with several seeds", "one run")
+    try:
+        prepared = _prepared(options)
+    except KeyboardInterrupt:
+        if not options.resume:
+            raise
+        print(f"interrupted; resume with: rkhs train --resume {options.resume}", file=sys.stderr)
+        return INTERRUPTED
     beside = page_beside(prepared.folder) if options.view else nullcontext()
     with prepared.runner or nullcontext(), beside as page:
         code = _train_one(options, prepared)
@@ -248,7 +256,6 @@ def _in_process(config: Config, folder: Path, options: argparse.Namespace, runne
 
 def _train_several(options: argparse.Namespace) -> int:
     """Run several seeds in parallel; return 1 and report the runs that failed, if any."""
-    workers = workers_of(options)
     require(options.runner in (None, "inline"), "--runner", "inline for several seeds", options.runner)
     require(options.seed is None, "--seed", "either --seed or --seeds", "both")
     folder, runs = _runs_to_resume(options) if options.resume else _new_runs(options)
@@ -256,7 +263,7 @@ def _train_several(options: argparse.Namespace) -> int:
     try:
         failures = make_missing(
             runs,
-            workers=workers,
+            jobs=options.jobs,
             title=title,
             quiet=options.quiet,
             drawn=True,

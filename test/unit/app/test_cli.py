@@ -96,11 +96,15 @@ def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "config"]
 
 
+def test_options_may_stand_between_files(rkhs: Run) -> None:
+    assert_refused(rkhs("export", "none", "--task", "reach", "policy.txt"), "policy.txt: expected a file that ends in")
+
+
 @pytest.mark.parametrize("command", ["evaluate", "render", "plot"])
 def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_path: Path, command: str) -> None:
     run = tmp_path / "runs" / "one"
     run.mkdir(parents=True)
-    (run / "config.yaml").touch()
+    (run / "config.yaml").write_bytes(CONFIG.read_bytes())
     named = (
         f"runs: expected the folder of a run, got none with a config.yaml. Pass one of the runs in it, such as {run}"
     )
@@ -117,6 +121,7 @@ def test_the_best_policy_of_an_unfinished_run_is_evaluated_with_a_note(rkhs: Run
     unfinished = rkhs("evaluate", "run", "--episodes", 2)
     assert (unfinished.code, unfinished.out) == (0, best.out)
     assert unfinished.err.startswith("note: run: the run has not finished; using its best policy so far. Continue with")
+    assert unfinished.err.count("note: run:") == 1
 
 
 def test_a_separate_process_behaves_alike(tmp_path: Path) -> None:

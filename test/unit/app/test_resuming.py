@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rkhs_ros.app.resuming import MOST_RESUMES, WINDOW_S, resuming
+from rkhs_ros.app.launcher import MOST_RESUMES, WINDOW_S, resuming
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RESUMABLE
 
 

@@ -14,7 +14,6 @@ from rkhs_ros.paper.reproduce import load_table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
-from rkhs_ros.studies.workers import Workers
 
 ROOT = Path(__file__).parents[3]
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
@@ -22,7 +21,7 @@ PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5
 
 
 def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -> Path:
-    make = partial(make_missing, workers=Workers(jobs), title="small", quiet=True)
+    make = partial(make_missing, jobs=jobs, title="small", quiet=True)
     return reproduce(experiment, out, make, runs=runs)
 
 

@@ -178,8 +178,7 @@ def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
     rng = np.random.default_rng(0)
     returns = size * rng.normal(size=(count, runs, 5))
     curves = (
-        LearningCurve(f"{LONG} {k}", *2 * [1e4 * np.arange(1.0, 6)], r, is_evaluation=True)
-        for k, r in enumerate(returns)
+        LearningCurve(f"{LONG} {k}", 1e4 * np.arange(1.0, 6), 5e4, r, is_evaluation=True) for k, r in enumerate(returns)
     )
     assert_clear(
         comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False

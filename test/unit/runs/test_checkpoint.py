@@ -224,10 +224,10 @@ def changed(**changes: Any) -> Config:
 def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     folder: Path, states: list[State], config: Config, message: str
 ) -> None:
-    path = write(folder, states[2])
+    write(folder, states[2])
     with pytest.raises(ValueError, match=message) as refusal:
         read_checkpoint(folder, config)
-    assert str(refusal.value).startswith(f"{path}: ")
+    assert str(refusal.value).startswith(f"{folder}: ")
     assert "\n" not in str(refusal.value)
 
 

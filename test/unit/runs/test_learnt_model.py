@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import rkhs_ros
+from rkhs_ros.app.measure import load_model
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import config_for
-from rkhs_ros.runs.learnt_model import load_model
 from rkhs_ros.runs.run import run_training
 
 TASK, HORIZON, REPEAT = "rkhs/Pendulum-v0", 30, 4

@@ -9,9 +9,12 @@ from matplotlib.image import imread
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Row
+from rkhs_ros.learning.state import first_policy
 from rkhs_ros.pictures.comparison import draw_comparison
 from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
+from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import resolved
@@ -54,7 +57,7 @@ def run_folder(
 def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> LearningCurve:
     returns = np.random.default_rng(seed).normal(10.0, 1.0, (runs, iterations))
     episodes = 10.0 * np.arange(1, iterations + 1)
-    return LearningCurve(label, episodes, 20.0 * episodes, returns, is_evaluation=True)
+    return LearningCurve(label, episodes, 20.0 * episodes[-1], returns, is_evaluation=True)
 
 
 # Statistics
@@ -116,6 +119,16 @@ def test_runs_that_differ_only_in_seed_and_name_form_one_curve(tmp_path: Path) -
     np.testing.assert_array_equal(nac.returns, [[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]])
     np.testing.assert_array_equal(nac.episodes, [10.0, 20.0])
     np.testing.assert_array_equal(power.returns, [[5.0, 6.0]])
+
+
+def test_runs_with_different_initial_policies_form_different_curves(tmp_path: Path) -> None:
+    training = model_free(horizon=20, iterations=1)
+    config = Config(Environment("rkhs/Toy-v0", {}), training)
+    policy = first_policy(training, Spaces.unbounded(1, 1))
+    for name in ("default", "given"):
+        run_folder(tmp_path / name, [1.0])
+    start_from(tmp_path / "given", config, policy)
+    assert [c.label for c in compare([tmp_path / "default", tmp_path / "given"]).curves] == ["default", "given"]
 
 
 def test_curves_of_one_algorithm_are_named_by_their_folders(tmp_path: Path) -> None:

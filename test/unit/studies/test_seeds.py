@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.app.cli import main
-from rkhs_ros.app.seeds import MOST_SEEDS, parse_seeds, seed_folders
+from rkhs_ros.app.study import MOST_SEEDS, parse_seeds, seed_folders
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.comparison import compare
 from test.processes import is_running
@@ -25,7 +25,6 @@ EPISODES = ("--set", "horizon=4", "episodes_per_iteration=2")
 SHORT = (*EPISODES, "iterations=2")
 RESULTS = ("config.yaml", "policy.npz", "curve.png", "policy.png")
 Run = Callable[..., Result]
-ranges = st.tuples(st.integers(0, 300), st.integers(0, 20)).map(lambda pair: range(pair[0], pair[0] + pair[1] + 1))
 
 
 def results(folder: Path) -> dict[str, object]:
@@ -42,10 +41,8 @@ def times(folder: Path) -> dict[Path, int]:
 # Parsing of --seeds
 
 
-@given(st.lists(ranges, min_size=1, max_size=6), st.sampled_from([",", ", ", " ,"]))
-def test_seeds_are_the_union_of_their_ranges_in_order(parts: list[range], comma: str) -> None:
-    text = comma.join(f"{part[0]}" if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
-    assert list(parse_seeds(text)) == sorted(set().union(*parts))
+def test_seeds_are_the_union_of_their_ranges_in_order() -> None:
+    assert parse_seeds("7, 0-3,5") == (0, 1, 2, 3, 5, 7)
 
 
 @given(st.text("0123456789-, ", max_size=12))
@@ -67,6 +64,7 @@ def test_any_text_gives_seeds_or_one_line(text: str) -> None:
         ("", "expected seeds such as 0-9 or 0,2,5, got ''"),
         ("-3", "got '-3'"),
         ("0,9-7", "expected ascending ranges, got 9-7"),
+        ("1,0-2", "expected each seed once"),
         ("0-999999999999", f"expected at most {MOST_SEEDS} seeds"),
         (f"0-{MOST_SEEDS - 1},{MOST_SEEDS}", f"expected at most {MOST_SEEDS} seeds"),
     ],
@@ -198,7 +196,7 @@ def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
-        (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or -1 for all cores, got 0"),
+        (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, got 0"),
         (("--jobs", "2"), "--jobs: expected --seeds, or --resume of runs with several seeds, got one run"),
         (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
     ],
