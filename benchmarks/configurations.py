@@ -26,8 +26,7 @@ from rkhs_ros.base.threads import one_thread
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.fixed import grid
-from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.function import Function, grid
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs

@@ -18,8 +18,7 @@ from command import parser
 from rkhs_interfaces.msg import Command, GateReport
 from rkhs_ros.app.launcher import started, write_parameters
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.names import node_names

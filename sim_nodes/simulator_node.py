@@ -29,7 +29,7 @@ from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rollouts.episode_recorder import EpisodeRecorder
+from rkhs_ros.rollouts.inline_runner import EpisodeRecorder
 from rkhs_ros.rollouts.simulation import Frame, Simulation
 from rkhs_ros.runs.config import environment_from
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 from rkhs_ros.learning.algorithms.algorithm import Metrics
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.found import Known
-from rkhs_ros.learning.state import State
+from rkhs_ros.learning.state import Known, State
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.policies.messages import doubles, matrix, shaped
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch

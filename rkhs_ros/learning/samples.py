@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.rkhs.fixed import FixedBasis
+from rkhs_ros.rkhs.function import FixedBasis
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 from rkhs_ros.rkhs.regression import BLOCK_ROWS, by_blocks

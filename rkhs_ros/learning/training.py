@@ -8,13 +8,13 @@ from rkhs_ros.base.threads import one_thread
 from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.discovery import choose_action_repeat, correct_action_repeat, with_features
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.found import Known
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.real_experience import RealExperience, is_stuck
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import ModelUpdate, train_in_model
 from rkhs_ros.learning.state import (
+    Known,
     State,
     chooses_action_repeat,
     first_state,

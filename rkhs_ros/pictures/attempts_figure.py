@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.style import COLOURS, UNSIGNED, colour_bar, label, legend_above, sheet
-from rkhs_ros.policies.input_names import Names
+from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
 
-from rkhs_ros.policies.input_names import Names, default_names, reported_names
+from rkhs_ros.policies.inputs import Names, default_names, reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rollouts.environments import limit_of, spec_of

@@ -9,8 +9,7 @@ import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.input_names import Names, input_names
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.inputs import Inputs, Names, input_names
 from rkhs_ros.rkhs.kernels import Array
 
 MOST_POINTS = 200  # maximum number of points for the selection

@@ -17,7 +17,7 @@ from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates, most_informative_inputs, on_slice
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, colour_bar, label, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.input_names import Names
+from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import NamedTuple
 
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.policies.streams import Batch
 
 ARRAYS = [f.name for f in fields(Episodes)]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Execution
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.rkhs.kernels import Array

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -22,9 +22,8 @@ from scipy.special import ndtri
 
 from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, features_of
 from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
-from rkhs_ros.rkhs.metric_learning import fit_metric
+from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric
 from rkhs_ros.rkhs.newton import NewtonBasis
-from rkhs_ros.rkhs.standardizer import Coordinates, Standardizer
 
 WAVES = 128  # frequencies that represent the prior outside the span of the centres; a power of 2
 

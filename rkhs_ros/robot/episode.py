@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import SensingError

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.user_code import is_interrupt
 from rkhs_ros.base.validation import LARGEST, all_within, require, truncated
-from rkhs_ros.policies.input_names import reported_names
+from rkhs_ros.policies.inputs import reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array

@@ -8,13 +8,12 @@ from typing import Any
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.found import Known
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import train_in_model
-from rkhs_ros.learning.state import State, first_state, first_variance
+from rkhs_ros.learning.state import Known, State, first_state, first_variance
 from rkhs_ros.learning.training import with_action_repeat
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.spaces import Spaces

@@ -22,8 +22,8 @@ from rich.table import Column
 from rich.text import Text
 
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.found import settings_of
 from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.state import settings_of
 from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line

@@ -10,8 +10,8 @@ from shlex import quote
 
 from rkhs_ros import __version__
 from rkhs_ros.base.files import read_whole
-from rkhs_ros.learning.found import Known, settings_of
 from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.state import Known, settings_of
 from rkhs_ros.learning.training_settings import Training
 
 FOUND = re.compile(r"# found in iteration (\d+): .*|# from the initial policy: .*")

@@ -10,8 +10,7 @@ from typing import Protocol
 
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Record
+from rkhs_ros.learning.episodes import Episodes, Record
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import State, remembered

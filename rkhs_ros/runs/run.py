@@ -8,7 +8,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
-from rkhs_ros.learning.execution import discard
+from rkhs_ros.learning.episodes import discard
 from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from gymnasium.envs.registration import load_env_creator
 
 from rkhs_ros.pictures.known import names_of
-from rkhs_ros.policies.input_names import Names
+from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array

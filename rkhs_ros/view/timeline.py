@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rkhs_ros.pictures.style import COLOURS, folded, pixels
-from rkhs_ros.policies.input_names import Names
+from rkhs_ros.policies.inputs import Names
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive
 

@@ -11,8 +11,7 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.rkhs.fixed import FixedBasis, grid
-from rkhs_ros.rkhs.function import Function
+from rkhs_ros.rkhs.function import FixedBasis, Function, grid
 from rkhs_ros.rkhs.kernels import Array, Kernel, Polynomial
 from rkhs_ros.rkhs.pursuit import pursue, sparsify
 from rkhs_ros.rkhs.regression import ridge_regression

@@ -14,8 +14,7 @@ from rkhs_interfaces.msg import Episodes as EpisodesMessage
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
 from rkhs_ros.nodes.core.names import fresh_number

@@ -7,8 +7,7 @@ from rclpy.node import Node
 
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Record, discard, record_kinds
+from rkhs_ros.learning.episodes import Episodes, Record, discard, record_kinds
 from rkhs_ros.nodes.core.messages import set_policy_request
 from rkhs_ros.nodes.core.names import fresh_number
 from rkhs_ros.nodes.core.peers import Peers

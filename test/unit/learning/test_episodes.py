@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.policies.inputs import Inputs
 
 
@@ -132,3 +134,19 @@ def test_episodes_are_concatenated_in_order() -> None:
         Episodes.concatenate([])
     with pytest.raises(ValueError, match="dimension"):
         Episodes.concatenate([parts[0], episodes_of(np.ones((1, 5)), np.array([5]))])
+
+
+TWO_STEPS = Execution(np.arange(3), np.zeros((2, 1)), np.zeros(2, dtype=np.uint32))
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_there_is_one_more_stamp_than_steps(count: int) -> None:
+    message = f"execution's stamps: expected 3, one more than steps, got {count}"
+    with pytest.raises(ValueError, match=message):
+        replace(TWO_STEPS, stamps=np.arange(count))
+
+
+@pytest.mark.parametrize("count", [1])
+def test_there_is_one_executed_command_per_step(count: int) -> None:
+    with pytest.raises(ValueError, match=f"executed commands: expected 2, one per step, got {count}"):
+        replace(TWO_STEPS, executed=np.zeros((count, 1)))

@@ -30,8 +30,7 @@ from rkhs_ros.pictures.policy_figure import CircleAxes, policy_figure
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.input_names import Names, input_names
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.inputs import Inputs, Names, input_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.variance import ConstantVariance

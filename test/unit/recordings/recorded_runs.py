@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.execution import Execution, Record, discard
+from rkhs_ros.learning.episodes import Episodes, Execution, Record, discard
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch

@@ -5,9 +5,8 @@ import pytest
 
 from rkhs_ros.rkhs import metric_learning
 from rkhs_ros.rkhs.evidence import best_fit
-from rkhs_ros.rkhs.metric_learning import fit_metric, slopes
+from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric, slopes
 from rkhs_ros.rkhs.posterior import Posterior
-from rkhs_ros.rkhs.standardizer import Coordinates, Standardizer
 
 D, N = 8, 150
 

@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar
 
-from rkhs_ros.learning.execution import Record
+from rkhs_ros.learning.episodes import Record
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner

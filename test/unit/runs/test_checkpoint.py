@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.execution import discard
+from rkhs_ros.learning.episodes import discard
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train

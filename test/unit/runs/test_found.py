@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.found import Known, settings_of
+from rkhs_ros.learning.state import Known, settings_of
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
