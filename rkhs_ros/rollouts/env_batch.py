@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from math import prod
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -153,7 +152,7 @@ class SeparateEnvs:
 
     def _real(self, observation: Any) -> Array:
         array = _real(observation, self.observation_space.dtype)
-        _check_size(array.shape, self.observation_space)
+        _check_shape(array.shape, self.observation_space)
         return array.astype(np.float64).ravel()
 
 
@@ -224,7 +223,7 @@ class VectorEnvBatch:
 
     def _flat(self, observations: Any) -> Array:
         array = _real(observations, np.float64)
-        _check_size(array.shape[1:], self.observation_space)
+        _check_shape(array.shape[1:], self.observation_space)
         return array.reshape(len(array), -1)[: self._count]
 
     def close(self) -> None:
@@ -288,10 +287,10 @@ def _num_envs(env: AnyEnv) -> int:
     return int(most)
 
 
-def _check_size(shape: tuple[int, ...], space: Space[Any]) -> None:
-    """Raise RunError if an observation has another size than its space."""
+def _check_shape(shape: tuple[int, ...], space: Space[Any]) -> None:
+    """Raise RunError if an observation has another shape than its space."""
     expected = space.shape or ()
-    if shape != expected and prod(shape) != prod(expected):
+    if shape != expected:
         raise RunError(f"expected an observation of shape {expected}, got one of {shape}")
 
 
