@@ -1,6 +1,7 @@
 """Write docs/settings.md, the reference of all settings, from their declarations in the code."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ out of range is rejected with a one-line error. `environment.id` and `environmen
 [a custom task](custom_task.md).
 """
 TABLE = "| Setting | Default | Description | Values |\n|---|---|---|---|"
+SHARED_TABLE = "| Setting | Description | Values |\n|---|---|---|"
 
 
 def page() -> str:
@@ -41,7 +43,7 @@ def page() -> str:
         section("## Kernel", "The kernel of the policy mean.", apart(training, "kernel.")),
         f"## Algorithms\n\n`algorithm.name` selects one: {names(ALGORITHMS)}. For their mathematics, "
         "see [algorithms](algorithms/index.md).\n",
-        *of_classes(ALGORITHMS, "algorithm."),
+        *of_algorithms(),
         f"## Step rules\n\n`algorithm.step.rule` selects one: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
         f"## Model\n\n`model.form` selects one: {names(MODELS)}. For when to use a model, "
@@ -68,6 +70,32 @@ def of_classes(table: Mapping[str, type], prefix: str) -> list[str]:
     return [section(f"### `{name}`", first_line(cls), entries(cls(), prefix)) for name, cls in table.items()]
 
 
+def of_algorithms() -> list[str]:
+    """Return a table of the settings that several algorithms share, and a section for each algorithm."""
+    found = {name: list(entries(cls(), "algorithm.")) for name, cls in ALGORITHMS.items()}
+    count = Counter(about(entry) for each in found.values() for entry in each)
+    best = {key[0]: key for key in sorted(count, key=lambda key: count[key])}  # the most common meaning of each name
+    shared = [key for key in count if key == best[key[0]] and count[key] > 1]
+    table = [
+        "Several algorithms share these settings:\n",
+        SHARED_TABLE,
+        *(" | ".join(["", *key, ""]).strip() for key in shared),
+        "",
+    ]
+    sections = []
+    for name, each in found.items():
+        own = [entry for entry in each if about(entry) not in shared]
+        defaults = [f"`{entry.name}` `{text(entry.value)}`" for entry in each if entry not in own]
+        title, line = f"### `{name}`", first_line(ALGORITHMS[name])
+        sections += [section(title, f"{line}\n\nShared settings and their defaults: {', '.join(defaults)}.", own)]
+    return ["\n".join(table), *sections]
+
+
+def about(entry: Entry) -> tuple[str, str, str]:
+    """Return the name, description and values of a setting, as cells of a table."""
+    return f"`{entry.name}`", entry.about["description"].replace("|", "\\|"), values(entry.about)
+
+
 def section(title: str, about: str, settings: Iterable[Entry]) -> str:
     """Return a heading, a sentence and a table of settings, without the table if there are none."""
     rows = [row(entry) for entry in settings]
@@ -76,8 +104,8 @@ def section(title: str, about: str, settings: Iterable[Entry]) -> str:
 
 def row(entry: Entry) -> str:
     """Return the line of a setting."""
-    description = entry.about["description"].replace("|", "\\|")
-    return f"| `{entry.name}` | `{text(entry.value)}` | {description} | {values(entry.about)} |"
+    name, description, allowed = about(entry)
+    return f"| {name} | `{text(entry.value)}` | {description} | {allowed} |"
 
 
 def values(about: Mapping[str, Any]) -> str:
