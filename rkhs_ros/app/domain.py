@@ -29,7 +29,6 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     Raises:
         RunError: all domains are in use.
         ValueError: another process uses the folder.
-        OSError: the folder cannot be written.
     """
     given = os.environ.get(VARIABLE)  # ROS treats an empty value like none
     with socket.socket() as claim:

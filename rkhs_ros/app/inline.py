@@ -102,7 +102,6 @@ def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[Ga
 
     Raises:
         ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit its task.
-        OSError: the file cannot be read.
     """
     path = policy_file(path)
     policy, task = load_policy(path)

@@ -140,7 +140,6 @@ def write_parameters(config: Config, file: Path, **learner: str | bool) -> Path:
 
     Raises:
         ValueError: a parameter of the learner cannot be a ROS parameter.
-        OSError: the file cannot be written.
     """
     require_ros_value(learner, "learner")
     document, robot = config.parameters(), config.environment.nodes

@@ -23,7 +23,6 @@ def check_robot(config: Config) -> Spaces:
 
     Raises:
         ValueError: a section has an unknown key or an invalid value, or the sections contradict each other.
-        OSError: a URDF cannot be read.
     """
     nodes = config.environment.nodes
     with _named("robot"):

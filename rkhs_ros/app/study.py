@@ -73,9 +73,6 @@ def begin_seeds(
         config: configuration of the runs, except for the seed.
         seeds: seeds of the runs.
         first_policy: file of the initial policy of all runs.
-
-    Raises:
-        OSError: a folder cannot be written.
     """
     trainings = {seed: replace(config.training, seed=seed) for seed in seeds}
     runs = {folder.resolve() / f"{PREFIX}{seed}": replace(config, training=t) for seed, t in trainings.items()}

@@ -84,7 +84,7 @@ RUNS = {
         "Pendulum-v1",
         "rkhs_ac",
         ("action_repeat=3", "inputs.history=2", "algorithm.centres=15", "algorithm.step.rule=line_search",
-         "algorithm.step.choices=3", "algorithm.step.episodes=2", "horizon=60"),
+         "algorithm.step.choices=3", "horizon=60"),
         "ros",
     ),
 }  # fmt: skip

@@ -58,7 +58,6 @@ def _configuration(options: argparse.Namespace) -> Config:
 
     Raises:
         ValueError: the task or a setting is unknown or invalid.
-        OSError: the file cannot be read.
     """
     changes = [*([] if options.seed is None else [f"seed={options.seed}"]), *options.set]
     if _is_file(options.task):

@@ -7,8 +7,7 @@ from pathlib import Path
 from rkhs_ros.app.study import add_jobs_argument, make_missing, study_folder
 from rkhs_ros.base.validation import require
 from rkhs_ros.paper.experiment import known, load_experiment
-from rkhs_ros.paper.figures import draw_experiment
-from rkhs_ros.paper.reproduce import load_table, reproduce
+from rkhs_ros.paper.reproduce import draw_experiment, load_table, reproduce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -48,14 +48,13 @@ class KLStep(Settings):
 
 @dataclass(frozen=True)
 class LineSearch(Settings):
-    """The best of several step sizes, each evaluated in new episodes (section 4.1 of the paper).
+    """The best of several step sizes, each evaluated in a new episode (section 4.1 of the paper).
 
     The step lengths are evenly spaced on a logarithmic scale. They are in standard deviations of the action, root mean
     square over the samples, so that their range suits any direction.
     """
 
     choices: int = setting(50, "number of step sizes to try", minimum=2, maximum=1000)
-    episodes: int = setting(1, "exploration episodes per step size", minimum=1, maximum=1000)
 
     def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size with the greatest mean return.
@@ -70,7 +69,7 @@ class LineSearch(Settings):
         if length == 0:
             return 0.0
         sizes = np.geomspace(SHORTEST, LONGEST, self.choices) / length
-        return float(max(sizes, key=lambda size: mean_return(float(size), self.episodes)))
+        return float(max(sizes, key=lambda size: mean_return(float(size), 1)))
 
 
 def _length(direction: Array, variance: Array) -> float:

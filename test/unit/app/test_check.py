@@ -1,6 +1,5 @@
 """``rkhs check``: what a few exploring episodes reveal about a task."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,26 +13,6 @@ from rkhs_ros.learning.task_check import moves_away
 Rkhs = Callable[..., Any]
 CONFIGS = Path(__file__).parents[3] / "config"
 # A cart without a rail: no reward, a constant column and a column in other units. It is pushed ever further.
-MODULE = """
-import gymnasium, numpy as np
-from gymnasium.spaces import Box
-
-class Cart(gymnasium.Env):
-    observation_space, action_space = Box(-np.inf, np.inf, (4,)), Box(-1.0, 1.0, (1,))
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.t, self.v = 0, 0.0
-        return self.observation(), {}
-    def observation(self):
-        x = float(np.exp(0.1 * self.t))
-        return np.array([x, self.v, 1.5, 1000.0 * self.v], np.float32).astype(np.float32)
-    def step(self, action):
-        self.t += 1
-        self.v = round(0.5 * self.v + float(action[0]), 3)
-        return self.observation(), 0.0, False, self.t == 120, {}
-
-gymnasium.register("Cart-v0", Cart, max_episode_steps=120)
-"""
 
 
 def table(out: str) -> dict[str, str]:
@@ -92,22 +71,6 @@ def test_inputs_that_training_keeps_are_not_searched(rkhs: Rkhs, fixed: tuple[st
     not_tested = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
     assert values["angles"] == values["history"] == not_tested
     assert "inputs" not in values["last"]
-
-
-def test_a_cart_without_a_rail_and_a_reward(rkhs: Rkhs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "my_cart.py").write_text(MODULE)
-    values = checked(rkhs, "my_cart:Cart-v0", "--episodes", 1)
-    assert values["reward"].startswith("never changes: 0")
-    assert values["constant columns"] == "2"
-    assert values["repeated columns"] == "3 repeats 1"
-    assert values["observations"] == "4 columns; column 0 runs away"
-    assert values["last"] == "mend: observations: if column 0 can grow without bound, end such episodes early"
-
-
-def test_few_decisions_are_no_evidence_for_a_history(rkhs: Rkhs) -> None:
-    values = checked(rkhs, "rkhs/Pendulum-v0", "--episodes", 1, "--set", "horizon=30")
-    assert values["history"] == "not tested: 30 decisions of at least 100; raise --episodes"
 
 
 def episodes_of(values: np.ndarray) -> Episodes:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros import __version__
 from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import ros
@@ -175,13 +174,6 @@ def test_a_command_imports_no_other() -> None:
     assert not {name.split(".")[0] for name in modules} & {"matplotlib", "joblib", "rich"}
 
 
-def test_help_lists_every_command(rkhs: Run) -> None:
-    code, out, err = rkhs("--help")
-    assert (code, err) == (0, "")
-    assert all(f"    {name}" in out for name in COMMANDS)
-    assert rkhs("--version").out == f"rkhs_ros {__version__}\n"
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help(rkhs: Run, command: str) -> None:
     code, out, err = rkhs(command, "--help")
@@ -251,12 +243,6 @@ def test_topics_without_interfaces_are_rejected_with_a_hint(rkhs: Run, tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_interfaces_for_another_python_are_not_used(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin=f"/ws/lib/python3.4/{name}.py"))
-    expected = r"rkhs_interfaces is built for Python 3.4, not 3."
-    assert_refused(rkhs("train", CONFIG, "--runner", "ros"), expected)
-
-
 def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     launched: dict[str, Any] = {}
     monkeypatch.setattr(ros, "find_spec", lambda name: ModuleSpec(name, None, origin="here"))
@@ -269,16 +255,6 @@ def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.Monkey
 
 
 # Pictures and evaluation of a policy
-
-
-def test_plot_redraws_the_pictures_of_a_run(rkhs: Run, tmp_path: Path) -> None:
-    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--out", "run").code == 0
-    drawn = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.png")}
-    assert len(drawn) == 2
-    for path in drawn:
-        path.unlink()
-    assert rkhs("plot", "run") == (0, "run/curve.png\nrun/policy.png\n", "")
-    assert {path: path.read_bytes() for path in drawn} == drawn
 
 
 def test_evaluate_measures_with_and_without_discount(
@@ -294,11 +270,6 @@ def test_evaluate_measures_with_and_without_discount(
         assert measured["mean"] == pytest.approx(returns.mean(), rel=1e-12)
         assert measured["sd"] == pytest.approx(returns.std(), rel=1e-9)
         assert measured["interval_95"] == pytest.approx([returns.mean() - half, returns.mean() + half], rel=1e-7)
-
-
-def test_one_episode_has_no_interval(rkhs: Run, policy_file: Path) -> None:
-    values = json.loads(rkhs("evaluate", policy_file, "--episodes", 1).out)
-    assert (values["sd"], values["interval_95"], values["undiscounted"]["interval_95"]) == (0.0, None, None)
 
 
 def test_a_path_that_is_not_utf_8_gives_one_line(rkhs: Run, tmp_path: Path) -> None:

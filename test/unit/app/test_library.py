@@ -107,22 +107,6 @@ def test_learn_yields_results_and_can_be_stopped() -> None:
     assert numbers == [1, 2, 3]
 
 
-def test_without_evaluation_the_curve_has_exploration_returns(tmp_path: Path) -> None:
-    result = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "evaluate_every": 0})
-    assert np.isnan(result.curve["evaluation_return"]).all()
-    assert result.best_policy is None
-    result.plot(tmp_path / "curve.png")
-    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_rarer_evaluations_do_not_change_training() -> None:
-    every = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5})
-    rare = rkhs_ros.train("rkhs/Toy-v0", progress=False, **{**SHORT, "iterations": 5, "evaluate_every": 2})
-    assert rare.curve["exploration_return"].tolist() == every.curve["exploration_return"].tolist()
-    assert np.isfinite(rare.curve["evaluation_return"]).tolist() == [False, True, False, True, False]
-    assert rare.curve["evaluation_episodes"].tolist() == [0, 2, 2, 4, 4]
-
-
 @pytest.mark.parametrize("form", ["gaussian_process", "none"])
 def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
     settings = {**SHORT, "model": form} if form == "none" else SHORT

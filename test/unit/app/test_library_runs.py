@@ -136,19 +136,6 @@ def test_a_run_in_an_environment_of_other_dimensions_is_not_resumed(tmp_path: Pa
     assert (tmp_path / "run" / "config.yaml").read_bytes() == before
 
 
-def test_of_two_loops_in_one_folder_the_second_changes_nothing(tmp_path: Path) -> None:
-    settings = {name: value for name, value in SHORT.items() if name != "progress"}
-    first = rkhs_ros.train("rkhs/Toy-v0", **SHORT).policy
-    with_policy = rkhs_ros.learn("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **settings)
-    without = rkhs_ros.learn("rkhs/Toy-v0", out=tmp_path / "run", **settings)
-    list(with_policy)
-    files = {name: (tmp_path / "run" / name).read_bytes() for name in ("curve.csv", "policy.npz", "checkpoint.npz")}
-    with pytest.raises(ValueError, match=r"run: expected a new or empty folder, .* got a run$"):
-        next(without)
-    for name, content in files.items():
-        assert (tmp_path / "run" / name).read_bytes() == content
-
-
 def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
     result = rkhs_ros.train(Slide, out=folder, **SHORT)
@@ -184,14 +171,3 @@ def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None
                 rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer)
         else:
             assert len(rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer).rows) == 4
-
-
-def test_an_answer_that_is_no_bool_is_rejected_with_the_name_of_the_callback() -> None:
-    def returns_an_array(result: rkhs_ros.Result) -> Any:
-        return np.arange(2)
-
-    expected = (
-        r"^callback returns_an_array: expected True or None to continue, or False to stop, got array\(\[0, 1\]\)$"
-    )
-    with pytest.raises(ValueError, match=expected):
-        rkhs_ros.train("rkhs/Toy-v0", callback=returns_an_array, **SHORT)

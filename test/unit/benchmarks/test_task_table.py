@@ -14,13 +14,11 @@ from gymnasium.spaces import Box
 import task_learners
 import tasks
 from deep_peers import SeenThrough
-from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import config_for
-from task_learners import LEARNERS, Learner, missing
+from task_learners import LEARNERS, Learner
 from tasks import Cell, as_csv
-from trial import Meter, MeteredRunner, Point, Trial
+from trial import Point, Trial
 
 STEPS = 3  # per episode
 RIVALS = ("linear-cma-es", "linear-ars")
@@ -83,18 +81,6 @@ def test_every_exploring_episode_counts_and_no_other(learner: str, generation: i
     assert [point.steps for point in curve] == [STEPS * point.episodes for point in curve]
 
 
-def test_evaluation_costs_no_cpu_seconds(quadratic: str) -> None:
-    config, meter = config_for(quadratic, STEPS), Meter(0.99)
-    runner = MeteredRunner(config, meter)
-    policy = first_policy(config.training, runner.spaces)
-    before = meter.point(np.zeros((1, 1))).cpu_seconds
-    runner.collect(policy, Batch(0, 0, 300, STEPS, explore=False))
-    evaluated = meter.point(np.zeros((1, 1))).cpu_seconds - before
-    runner.collect(policy, Batch(0, 0, 300, STEPS, explore=True))
-    assert evaluated < 0.5 * (meter.point(np.zeros((1, 1))).cpu_seconds - before)
-    assert (meter.episodes, meter.steps) == (300, 900)
-
-
 def test_other_learners_get_the_same_observations() -> None:
     inputs = Inputs(history=3, angles=(0,))
     env = SeenThrough(Quadratic(), inputs, STEPS)
@@ -104,15 +90,6 @@ def test_other_learners_get_the_same_observations() -> None:
     seen = np.array([[plain.reset(seed=0)[0], *(plain.step(action)[0] for action in actions[0])]])
     np.testing.assert_array_equal(observations[:-1], inputs.unfold(seen[:, :-1], actions)[0])
     assert env.observation_space.shape == observations[-1].shape
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("learner", ["sac", "crossq"])
-def test_deep_learners_count_alike(learner: str, quadratic: str) -> None:
-    if missing(LEARNERS[learner].packages):
-        pytest.skip("not installed")
-    curve = curve_of(learner, quadratic, 7, f"horizon={STEPS}")
-    assert [(point.episodes, point.steps) for point in curve] == [(5, 15), (7, 21)]
 
 
 class Counted:
@@ -151,15 +128,6 @@ def test_an_interrupted_table_continues(tmp_path: Path, counted: Counted, capsys
     assert "| counted | 4 |" in (tmp_path / "table.md").read_text()
     table(tmp_path, "--learners", "counted")
     assert counted.seeds == [0, 1, 2, 3]
-
-
-def test_other_learners_do_not_depend_on_our_settings() -> None:
-    def key(learner: str, change: str) -> str:
-        return LEARNERS[learner].key(Trial(config_for("rkhs/Toy-v0", 20, [change]), 10, discounted=True), ())
-
-    assert key("linear-ars", "algorithm.ridge=0.5") == key("linear-ars", "algorithm.ridge=0.1")
-    assert key("ours", "algorithm.ridge=0.5") != key("ours", "algorithm.ridge=0.1")
-    assert key("linear-ars", "horizon=10") != key("linear-ars", "horizon=20")
 
 
 @pytest.mark.parametrize("name", tasks.TASKS)

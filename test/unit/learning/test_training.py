@@ -113,7 +113,7 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "every"), [(RKHSNAC(), 0), (RKHSNAC(), 2), (RKHSNAC(step=LineSearch(choices=2, episodes=1)), 1)]
+    ("algorithm", "every"), [(RKHSNAC(), 0), (RKHSNAC(), 2), (RKHSNAC(step=LineSearch(choices=2)), 1)]
 )
 def test_exploring_episodes_that_run_ahead_are_bit_identical(
     algorithm: RKHSNAC, every: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]

@@ -9,8 +9,7 @@ import pytest
 from rkhs_ros.app.study import make_missing
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
-from rkhs_ros.paper.figures import draw_experiment, styles_of
-from rkhs_ros.paper.reproduce import load_table, reproduce
+from rkhs_ros.paper.reproduce import draw_experiment, load_table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import provenance
@@ -91,15 +90,6 @@ def test_an_interrupted_experiment_runs_only_what_is_missing(
 
 
 @pytest.mark.slow
-def test_a_damaged_curve_is_written_again(experiment: Experiment, tmp_path: Path, table: Path) -> None:
-    whole = table.read_bytes()
-    curve = min((tmp_path / "runs").iterdir()) / "curve.csv"
-    for left in (curve.read_bytes()[:-9], b"\xff\n"):
-        curve.write_bytes(left)
-        assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
-
-
-@pytest.mark.slow
 def test_runs_of_other_versions_are_repeated(
     experiment: Experiment, tmp_path: Path, table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,10 +126,3 @@ def test_the_page_of_results_has_the_returns_of_the_figures(name: str) -> None:
         key: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std()))
         for key, last in ((key, returns.evaluation[:, -1]) for key, returns in table.items())
     }
-
-
-def test_curves_of_a_panel_have_different_styles() -> None:
-    for experiment in map(load_experiment, known()):
-        styles = styles_of(experiment)
-        for panel in experiment.panels:
-            assert len({styles[curve.label] for curve in panel.curves}) == len(panel.curves), panel.title

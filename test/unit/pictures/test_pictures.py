@@ -18,8 +18,7 @@ from matplotlib.transforms import Bbox
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel
-from rkhs_ros.paper.figures import experiment_figure
-from rkhs_ros.paper.reproduce import Returns, Table
+from rkhs_ros.paper.reproduce import Returns, Table, experiment_figure
 from rkhs_ros.pictures.attempts_figure import attempts_figure
 from rkhs_ros.pictures.comparison import comparison_figure
 from rkhs_ros.pictures.film import Film

@@ -59,10 +59,6 @@ def test_the_resolved_text_contains_every_setting_of_the_learner(write: Any) -> 
         assert found == (list(value) if isinstance(value, tuple) else value)
 
 
-def test_missing_settings_have_their_defaults(write: Any) -> None:
-    assert load_config(write(MINIMAL)) == Config(Environment("rkhs/Toy-v0", {}), Training(name="my_run"))
-
-
 def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None:
     path = write(MINIMAL + "learner: {ros__parameters: {seed: 3, algorithm: {name: rkhs_nac, ridge: 0.5}}}\n")
     config = load_config(
@@ -120,19 +116,6 @@ def test_an_invalid_configuration_file_is_rejected_in_one_line(write: Any, text:
 def test_the_sections_may_name_the_nodes_in_any_namespace(write: Any, simulator: str, learner: str) -> None:
     text = MINIMAL.replace("simulator", simulator) + learner + ": {ros__parameters: {seed: 5}}\n"
     assert load_config(write(text)) == load_config(write(MINIMAL), ["seed=5"])
-
-
-def test_nested_sections_of_namespaces_are_found(write: Any) -> None:
-    inner = MINIMAL + "learner: {ros__parameters: {seed: 5}}\n"
-    text = "robot:\n  left:\n" + "".join(f"    {line}\n" for line in inner.splitlines())
-    assert load_config(write(text)) == load_config(write(inner))
-
-
-def test_sections_of_several_namespaces_share_one_task(write: Any) -> None:
-    two = "".join(MINIMAL.replace("simulator", f"/{place}/simulator") for place in "ab")
-    assert load_config(write(two)) == load_config(write(MINIMAL))
-    with pytest.raises(ValueError, match="simulator: expected equal sections in all namespaces, got different ones"):
-        load_config(write(two.replace("Toy", "Pendulum", 1)))
 
 
 def test_the_parameter_dump_of_a_node_is_a_configuration(write: Any) -> None:

@@ -1,6 +1,5 @@
 """Default settings for an untuned task, from the command line and in the library."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,24 +11,15 @@ import rkhs_ros
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import config_for, load_config
+from rkhs_ros.runs.config import config_for
 from rkhs_ros.runs.defaults import settings_for
-
-ROOT = Path(__file__).parents[3]
 
 
 def training_on(horizon: int | None, *changes: str) -> Training:
     return config_for("rkhs/Toy-v0", horizon, changes).training
-
-
-@pytest.mark.parametrize(("horizon", "discount"), [(1, 0.99), (400, 0.99), (800, 0.995), (10**6, 0.999996)])
-def test_long_episodes_have_a_longer_discount(horizon: int, discount: float) -> None:
-    training = training_from(settings_for(horizon=horizon))
-    assert training.horizon == horizon
-    assert training.discount == pytest.approx(discount, abs=1e-12)
 
 
 @given(st.integers(1, 10**6), st.integers(1, 10**6))
@@ -64,9 +54,3 @@ def test_every_algorithm_trains_with_its_defaults(name: str, form: str) -> None:
     training = training_on(None, f"algorithm.name={name}", f"model.form={form}", *small)
     with InlineRunner(Simulation("rkhs/Pendulum-v0")) as runner:
         assert len(list(train(training, runner))) == 2
-
-
-def test_the_model_has_the_same_defaults_in_a_configuration() -> None:
-    assert training_on(None).model == ModelBased()
-    for path in sorted((ROOT / "config").glob("*_model_*.yaml")):
-        assert load_config(path).training.model == ModelBased(), path

@@ -15,7 +15,6 @@ from rkhs_ros.rollouts.evaluation import BATCHES, FinalEvaluation, final_evaluat
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import BEST_POLICY, FINAL_EVALUATION, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
@@ -91,13 +90,3 @@ def test_the_library_compares_them_with_and_without_a_folder(tmp_path: Path) -> 
         assert finals[0] in repr(result)
         assert result.best_policy is not None
         np.testing.assert_array_equal(result.best_policy(observation), kept)
-
-
-def test_a_run_that_ends_early_decides_nothing(tmp_path: Path) -> None:
-    def stop(result: rkhs_ros.Result) -> bool:
-        assert result.final is None
-        return False
-
-    rkhs_ros.train("rkhs/Toy-v0", model="none", iterations=3, progress=False, out=tmp_path / "run", callback=stop)
-    assert not (tmp_path / "run" / FINAL_EVALUATION).exists()
-    assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 1

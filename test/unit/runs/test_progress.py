@@ -1,13 +1,5 @@
 """The progress bar of a run shows the remaining time, and appears once on a terminal, even after Ctrl-C."""
 
-import fcntl
-import os
-import pty
-import signal
-import struct
-import subprocess
-import sys
-import termios
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -35,28 +27,6 @@ def lines_on_terminal(text: str) -> list[str]:
     """Return the lines that a terminal shows: without escapes, with carriage returns applied."""
     plain = "".join(part[part.find("m") + 1 :] if k else part for k, part in enumerate(text.split("\x1b[")))
     return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
-
-
-def test_a_bar_leaves_space_for_the_echo_of_ctrl_c_and_shows_the_remaining_time(tmp_path: Path) -> None:
-    master, slave = pty.openpty()
-    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, COLUMNS, 0, 0))
-    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", str(CONFIG), "--runner", "inline"]
-    environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR")} | {"TERM": "xterm"}
-    process = subprocess.Popen(
-        [*command, "--iterations", "100000", "--out", str(tmp_path / "run")],
-        stdout=subprocess.DEVNULL, stderr=slave, env=environment,
-    )  # fmt: skip
-    os.close(slave)
-    shown = ""
-    while "evaluation 1" not in shown:
-        shown += os.read(master, 65536).decode()
-    process.send_signal(signal.SIGINT)
-    process.wait()
-    bars = [part for part in shown.split("\x1b[2K") if "evaluation" in part]
-    widths = [len(line) for bar in bars for line in lines_on_terminal(bar)]
-    assert max(widths) <= COLUMNS - len(ECHO)
-    assert bars[-1].count(":") == 4  # the elapsed and the remaining time
-    os.close(master)
 
 
 def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_columns(

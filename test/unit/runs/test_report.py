@@ -9,9 +9,7 @@ import pytest
 
 from rkhs_ros.learning.training import train
 from rkhs_ros.pictures.run_pictures import draw_run
-from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.storage import load_policy, save_policy
-from rkhs_ros.recordings.container import MessageFile, read_messages
+from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
@@ -85,22 +83,6 @@ def test_a_run_writes_its_curve_and_policy(
     assert all(saved[name].tobytes() == learnt[name].tobytes() for name in learnt)
 
 
-def test_drawing_without_episodes_raises(
-    tmp_path: Path, runner: InlineRunner, random_policy: Callable[..., GaussianPolicy]
-) -> None:
-    folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
-    whole = (folder / "policy.npz").read_bytes()
-    save_policy(folder / "policy.npz", random_policy(d=3), CONFIG.task)
-    with pytest.raises(ValueError, match=r"recording\.mcap: .*expected episodes of a policy from 3 to 2 dim"):
-        draw_run(folder)
-    (folder / "policy.npz").write_bytes(whole)
-    messages = [each for each in read_messages(folder / "recording.mcap").messages if "Update" not in each.kind]
-    MessageFile(folder / "recording.mcap", messages).close()
-    with pytest.raises(ValueError, match=r"recording\.mcap: .*expected at least one finished iteration, got none"):
-        draw_run(folder)
-    assert not (folder / "curve.png").exists()
-
-
 def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runner: InlineRunner) -> None:
     for iterations in (1, 2):
         config = replace(CONFIG, training=replace(TRAINING, iterations=iterations))
@@ -121,10 +103,3 @@ def test_the_folder_must_be_new_or_empty(tmp_path: Path) -> None:
     for used in (tmp_path / "a" / "b", tmp_path / "a" / "b" / "file"):
         with pytest.raises(ValueError, match="expected a new or empty folder"):
             new_folder(used, "x")
-
-
-def test_the_default_folder_contains_name_and_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    first, second = new_folder(None, "pendulum"), new_folder(None, "pendulum")
-    assert first != second
-    assert first.parent == Path("results/pendulum")

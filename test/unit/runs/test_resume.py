@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import provenance, report
+from rkhs_ros.runs import provenance
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.run import run_training
@@ -72,7 +71,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
 
 
-@pytest.mark.parametrize("batches", [0, 3, 4, 7])
+@pytest.mark.parametrize("batches", [0, 4])
 def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches)
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
@@ -80,19 +79,13 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-@pytest.mark.parametrize("batches", [0, 2, 4])
+@pytest.mark.parametrize("batches", [2])
 def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
     folder = stopped(tmp_path / "run", batches, num_envs=3)
     done = max(batches - 1, 0)
     assert len(Curve(folder / "curve.csv").rows()) == done
     left = Stopping(5 - done, num_envs=3)  # the exploration episodes, and a batch per iteration
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
-
-
-def test_the_best_of_several_evaluation_episodes_is_restored(tmp_path: Path) -> None:
-    config = longer(4, evaluation_episodes=3)
-    folder = run_training(config, Stopping(), tmp_path / "whole", quiet=True)
-    assert results(resumed(stopped(tmp_path / "run", 5, config), config)) == results(folder)
 
 
 def test_a_lost_best_policy_is_restored_from_the_checkpoint(tmp_path: Path, whole: dict[str, object]) -> None:
@@ -138,20 +131,6 @@ def test_a_resume_from_an_earlier_checkpoint_gives_the_same_results(tmp_path: Pa
     run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)
     (folder / "checkpoint.npz").write_bytes(earlier)  # like a run that was killed within a second
     assert results(resumed(folder)) == whole
-
-
-def test_seconds_and_the_bar_continue_after_resume(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patched:
-        patched.setattr(report.time, "monotonic", chain([0.0], repeat(1000.0)).__next__)
-        folder = stopped(tmp_path / "run", 5)
-    curve = Curve(folder / "curve.csv")
-    capsys.readouterr()
-    run_training(CONFIG, Stopping(), folder, resume=True)
-    assert "short: iteration 4 of 4, " in capsys.readouterr().err
-    assert [row.seconds for row in curve.rows()[:2]] == [1000.0] * 2
-    assert 1000.0 < curve.rows()[2].seconds < curve.rows()[3].seconds < 1100.0
 
 
 def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
@@ -287,7 +266,7 @@ def assert_whole(folder: Path) -> None:
         assert load_config(path)
 
 
-@pytest.mark.parametrize("size", [0, 500, 20_000])
+@pytest.mark.parametrize("size", [500])
 def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
     rkhs: Cli, tmp_path: Path, size: int, disk: Callable[[int], None]
 ) -> None:
@@ -301,37 +280,6 @@ def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
         code, _, err = rkhs("train", "--resume", "run", *INLINE)
         assert (code, err) == (0, "")
         assert results(tmp_path / "run") == results(tmp_path / "whole")
-
-
-class Filling(Stopping):
-    """Runner that fills the disk in the third iteration, and otherwise works."""
-
-    def __init__(self, fill: Callable[[], None]) -> None:
-        super().__init__()
-        self._fill = fill
-        self._asked = 0
-
-    def collect(self, *arguments: Any) -> Any:
-        self._asked += 1
-        if self._asked == 5:
-            self._fill()
-        return super().collect(*arguments)
-
-
-@pytest.mark.parametrize("beyond", [1, 700])
-def test_the_last_intact_checkpoint_survives_a_full_disk(
-    tmp_path: Path, whole: dict[str, object], disk: Callable[[int], None], beyond: int
-) -> None:
-    folder = tmp_path / "run"
-    runner = Filling(lambda: disk((folder / "recording.mcap").stat().st_size + beyond))
-    with pytest.raises(OSError, match="File too large") as error:
-        run_training(CONFIG, runner, folder, quiet=True)
-    assert Path(error.value.filename).name == "recording.mcap"
-    disk(-1)
-    assert_whole(folder)
-    assert len(Curve(folder / "curve.csv").rows()) == 2
-    left = Stopping(6)  # the full disk could not take the checkpoint of the second iteration
-    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
 def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, object]) -> None:

@@ -5,27 +5,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.pictures.comparison import draw_comparison
-from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
-from rkhs_ros.studies.comparison import Comparison, LearningCurve, as_markdown, compare
+from rkhs_ros.studies.comparison import as_markdown, compare
 from test.unit.conftest import Result, model_free
 
 pytestmark = pytest.mark.slow
 
-TEXT = "#000000"
-TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
 Run = Callable[..., Result]
 
 
@@ -52,12 +46,6 @@ def run_folder(
     ]
     Curve(folder / "curve.csv").begin(rows)
     return folder
-
-
-def curve(runs: int, iterations: int = 6, label: str = "one", seed: int = 0) -> LearningCurve:
-    returns = np.random.default_rng(seed).normal(10.0, 1.0, (runs, iterations))
-    episodes = 10.0 * np.arange(1, iterations + 1)
-    return LearningCurve(label, episodes, 20.0 * episodes[-1], returns, is_evaluation=True)
 
 
 # Statistics
@@ -200,29 +188,6 @@ def test_incomparable_runs_are_rejected(tmp_path: Path, settings: dict[str, Any]
         run_folder(tmp_path / name, [1.0], **more)
     with pytest.raises(ValueError, match=message):
         compare([tmp_path / "a", tmp_path / "b"])
-
-
-# The picture
-
-
-def picture(path: Path, *curves: LearningCurve, task: Task = TOY) -> np.ndarray:
-    draw_comparison(path, Comparison(task, curves, ()))
-    return np.asarray(imread(path))[:, :, :3]
-
-
-def pixels(image: np.ndarray, colour: str) -> int:
-    rgb = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    return int((np.abs(image - rgb).max(axis=2) < 0.01).sum())
-
-
-@pytest.mark.parametrize(("count", "length"), [(1, 3), (20, 60)])
-def test_no_curve_is_clipped_or_hidden(tmp_path: Path, count: int, length: int) -> None:
-    curves = [curve(5, label=f"{k}".ljust(length, "x"), seed=k) for k in range(count)]
-    image = picture(tmp_path / "c.png", *curves)
-    border = np.concatenate([image[:4].ravel(), image[-4:].ravel(), image[:, :4].ravel(), image[:, -4:].ravel()])
-    assert (border == 1.0).all()
-    assert all(pixels(image, colour) > 100 for colour in COLOURS[:count])
-    assert not any(pixels(image, colour) > 100 for colour in COLOURS[count:] if colour != TEXT)
 
 
 # The command

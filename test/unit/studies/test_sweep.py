@@ -52,11 +52,6 @@ def test_an_outcome_has_final_and_best_return_and_episodes_to_thresholds() -> No
     assert Outcome.of(rows, (2.0, 5.0, 5.1)) == (2.0, 5.0, (6.0, 6.0, float("inf")))
 
 
-def test_medians_include_runs_that_never_reach_a_threshold() -> None:
-    outcomes = [Outcome(1.0, 4.0, (float("inf"),)), Outcome(2.0, 9.0, (8.0,)), Outcome(7.0, 7.0, (float("inf"),))]
-    assert Outcome.median(outcomes) == (2.0, 7.0, (float("inf"),))
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole") / "grid"

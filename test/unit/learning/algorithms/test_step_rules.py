@@ -57,9 +57,9 @@ def test_a_line_search_selects_the_candidate_closest_to_the_maximum(best: float,
         tried.append((size, episodes))
         return -((np.log(size * length) - best) ** 2)  # concave in the logarithm of the length
 
-    rule = LineSearch(choices=7, episodes=3)
+    rule = LineSearch(choices=7)
     size = rule.step_size(direction, variance, mean_return)
     lengths = np.exp(np.linspace(np.log(0.01), np.log(3.0), 7))
     np.testing.assert_allclose([size * length for size, _ in tried], lengths, rtol=1e-9)
-    assert [episodes for _, episodes in tried] == [3] * 7
+    assert [episodes for _, episodes in tried] == [1] * 7
     assert np.log(size * length) == pytest.approx(np.log(lengths[np.argmin(np.abs(np.log(lengths) - best))]), rel=1e-9)
