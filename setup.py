@@ -71,6 +71,7 @@ setup(
         "view": ["viser>=1.1,<1.2"],
         "export": ["onnx>=1.17", "onnxruntime>=1.20", "pyarrow>=15"],
         "tensorboard": ["tensorboardX>=2.6"],
+        "dask": ["distributed>=2024.8"],
         "dev": requirements("dev"),
     },
     zip_safe=True,

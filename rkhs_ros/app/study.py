@@ -19,6 +19,7 @@ from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.workers import WorkerLostError, run_parallel
 
 SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
+ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)  # of a Dask scheduler
 MOST_SEEDS = 10_000
 PREFIX = "seed_"  # of the folder names
 LAST_FILE, LAST_PICTURE = "policy.npz", "policy.png"  # that a run writes
@@ -26,13 +27,16 @@ KILLED = "its worker process, or another one, was killed"
 
 
 def add_jobs_argument(parser: argparse.ArgumentParser, what: str = "runs") -> None:
-    """Declare the option that chooses the number of worker processes."""
-    parser.add_argument("--jobs", type=_jobs, metavar="J", help=f"parallel {what} (default: number of cores)")
+    """Declare the option that chooses the number of worker processes, or a cluster."""
+    about = f"parallel {what} (default: number of cores), or the address of a Dask scheduler, such as tcp://HOST:8786"
+    parser.add_argument("--jobs", type=_jobs, metavar="J", help=about)
 
 
-def _jobs(text: str) -> int:
+def _jobs(text: str) -> int | str:
+    if ADDRESS.fullmatch(text):
+        return text
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1, got {text}")
+        raise argparse.ArgumentTypeError(f"expected at least 1, or tcp://HOST:PORT, got {text}")
     return int(text)
 
 
@@ -116,7 +120,7 @@ def require_all_used(changes: Sequence[str], others: Mapping[str, Iterable[str]]
 def make_missing(
     runs: Mapping[Path, Config],
     *,
-    jobs: int | None,
+    jobs: int | str | None,
     title: str,
     quiet: bool,
     drawn: bool = False,
@@ -126,7 +130,7 @@ def make_missing(
 
     Args:
         runs: configurations by absolute folder, since workers may have another working directory.
-        jobs: number of worker processes; None for one per core.
+        jobs: number of worker processes, or the address of a Dask scheduler; None for one process per core.
         title: title of the progress bar.
         quiet: show no progress bar.
         drawn: plot each run.

@@ -1,8 +1,10 @@
-"""Calls in parallel processes of this machine."""
+"""Calls in parallel: in processes of this machine, or on a Dask cluster."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import CancelledError, Executor, as_completed
+from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, TypeVar
 
 from joblib import cpu_count
@@ -12,8 +14,11 @@ from rich.progress import Progress
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import terminate_with_parent
+from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.runs.progress import bar_columns, bar_console
 
+CONNECT_TIMEOUT_S = 10
+SAME_ON_ALL = ["rkhs_ros", "numpy", "scipy"]  # packages of which the workers of a cluster have our versions
 T = TypeVar("T")
 
 
@@ -22,14 +27,15 @@ class WorkerLostError(RunError):
 
 
 def run_parallel(
-    call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], *, jobs: int | None, title: str, quiet: bool
+    call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], *, jobs: int | str | None, title: str, quiet: bool
 ) -> Iterator[T]:
     """Call a function in parallel and yield the results in order of completion.
 
     Args:
         call: a function at the top level of a module, so that other processes can import it.
         arguments: arguments of each call.
-        jobs: number of processes; 1 executes the calls in this process, None stands for one per core.
+        jobs: number of processes; 1 executes the calls in this process, None stands for one per core. A text is the
+            address of a Dask scheduler, whose cluster replaces this machine.
         title: title of the progress bar on stderr.
         quiet: show no progress bar.
 
@@ -39,20 +45,49 @@ def run_parallel(
     hidden = quiet or not arguments
     with Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden) as progress:
         bar = progress.add_task(title, total=len(arguments))
-        for result in _results(call, arguments, min(jobs or cpu_count(), len(arguments))):
+        for result in _results(call, arguments, jobs):
             progress.advance(bar)
             yield result
 
 
-def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], processes: int) -> Iterator[T]:
-    if processes <= 1:
+def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], jobs: int | str | None) -> Iterator[T]:
+    processes = 0 if isinstance(jobs, str) else min(jobs or cpu_count(), len(arguments))
+    if not arguments or processes == 1:
         yield from (call(*each) for each in arguments)
         return
-    executor = get_reusable_executor(processes, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
+    with _cluster(jobs) if isinstance(jobs, str) else _processes(processes) as executor:
+        try:
+            for future in as_completed([executor.submit(call, *each) for each in arguments]):
+                yield future.result()
+        except (BrokenProcessPool, CancelledError) as error:
+            raise WorkerLostError("a worker process was killed; run the same command to continue") from error
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
-        for future in as_completed([executor.submit(call, *each) for each in arguments]):
-            yield future.result()
-    except BrokenProcessPool as error:
-        raise WorkerLostError("a worker process was killed; run the same command to continue") from error
+        yield executor
     finally:
         executor.shutdown(kill_workers=True)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    require_extra("distributed", "dask", "--jobs")
+    distributed = import_module("distributed")
+    try:
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise OSError(f"--jobs: expected a Dask scheduler at {address}, got none ({error})") from error
+    with client:
+        client.get_versions(check=True, packages=SAME_ON_ALL)
+        most = max(client.nthreads().values(), default=1)
+        require(most == 1, "--jobs", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
+        executor = client.get_executor(pure=False, retries=0)
+        try:
+            yield executor
+        except distributed.scheduler.KilledWorker as error:
+            raise WorkerLostError("workers of the cluster were killed; run the same command to continue") from error
+        finally:
+            executor.shutdown(wait=False)

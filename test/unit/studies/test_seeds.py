@@ -196,7 +196,7 @@ def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--seeds", "0-1", "--runner", "ros"), "--runner: expected inline for several seeds, got ros"),
-        (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, got 0"),
+        (("--seeds", "0-1", "--jobs", "0"), "--jobs: expected at least 1, or tcp://HOST:PORT, got 0"),
         (("--jobs", "2"), "--jobs: expected --seeds, or --resume of runs with several seeds, got one run"),
         (("--seeds", "0-1", "--set", "exploration_sd=[1, 2]"), "exploration_sd: expected 1 number, got 2"),
     ],
