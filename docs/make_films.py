@@ -23,8 +23,7 @@ from scipy.optimize import least_squares
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import first_state
-from rkhs_ros.pictures.film import shoot, spread
-from rkhs_ros.pictures.film_files import animate, draw_strip
+from rkhs_ros.pictures.film import animate, draw_strip, shoot, spread
 from rkhs_ros.pictures.known import references
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.pictures.style import COLOURS

@@ -9,7 +9,7 @@ import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs, Names, input_names
+from rkhs_ros.policies.inputs import Names, input_names
 from rkhs_ros.rkhs.kernels import Array
 
 MOST_POINTS = 200  # maximum number of points for the selection
@@ -21,30 +21,26 @@ class PolicyCoordinates:
     """Coordinates of a policy: the components of an observation, or its inputs if they depend on a history.
 
     Attributes:
-        policy: the policy; None if unknown.
+        policy: the policy.
         names: names of the components of observations and actions.
     """
 
-    policy: GaussianPolicy | None
+    policy: GaussianPolicy
     names: Names
 
     @property
     def are_observed(self) -> bool:
         """Whether the coordinates are the components of a single observation."""
-        return self._inputs.history == 1
-
-    @property
-    def _inputs(self) -> Inputs:
-        return self.policy.inputs if self.policy else Inputs()
-
-    @property
-    def _repeat(self) -> int:
-        return self.policy.action_repeat if self.policy else 1
+        return self.policy.inputs.history == 1
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return self.names.observations if self.are_observed else input_names(self._inputs, self.names, self._repeat)
+        return (
+            self.names.observations
+            if self.are_observed
+            else input_names(self.policy.inputs, self.names, self.policy.action_repeat)
+        )
 
     def of(self, episodes: Episodes) -> list[Array]:
         """Return the points visited in each episode, shape (steps, coordinates)."""
@@ -53,30 +49,25 @@ class PolicyCoordinates:
 
     def _decided(self, episodes: Episodes) -> Array:
         """Return the inputs of the decision at each step, shape (N, H, inputs)."""
-        repeat = self._repeat
-        inputs = self._inputs.unfold(episodes.observations[:, ::repeat], episodes.actions[:, ::repeat])
+        repeat = self.policy.action_repeat
+        inputs = self.policy.inputs.unfold(episodes.observations[:, ::repeat], episodes.actions[:, ::repeat])
         return np.repeat(inputs, repeat, axis=1)[:, : episodes.horizon]
 
     def inputs(self, points: Array) -> Array:
         """Return the inputs of the policy at points of shape (k, coordinates)."""
-        return self._inputs.features(points) if self.are_observed else points
+        return self.policy.inputs.features(points) if self.are_observed else points
 
     def most_informative(self, episode: Episodes) -> tuple[int, int]:
-        """Return the two coordinates with the most information about the first action component in an episode.
-
-        If the policy is unknown, return the first two coordinates.
-        """
+        """Return the two coordinates with the most information about the first action component in an episode."""
         points, policy = self.of(episode)[0], self.policy
-        if points.shape[1] < 3 or policy is None:
+        if points.shape[1] < 3:
             return 0, min(points.shape[1] - 1, 1)
         across, up = most_informative_inputs(lambda some: policy.mean(self.inputs(some))[:, 0], points).columns
         return across, up
 
     def centres(self) -> Array | None:
         """Return the centres of the mean, shape (centres, coordinates); None if they have other coordinates."""
-        if self.policy is None:
-            return None
-        centres, inputs = self.policy.mean.centres, self._inputs
+        centres, inputs = self.policy.mean.centres, self.policy.inputs
         if not self.are_observed:
             return centres
         if inputs.degree:

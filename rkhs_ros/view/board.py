@@ -52,14 +52,14 @@ class Subject(NamedTuple):
         title: title of the plot.
         coordinates: coordinates to draw the policy over.
         episodes: single episodes; the last one is the newest and is marked.
-        spaces: spaces of the task; None if unknown.
+        spaces: spaces of the task.
         discount: discount factor of the returns.
     """
 
     title: str
     coordinates: PolicyCoordinates
     episodes: Sequence[Episodes]
-    spaces: Spaces | None
+    spaces: Spaces
     discount: float
 
     @property
@@ -82,9 +82,7 @@ def board_figure(subject: Subject, choice: Choice) -> tuple[Figure, Array]:
     figure = sheet(*SIZE, subject.title)
     figure.set_dpi(DPI)
     axes, policy = figure.subplots(), subject.coordinates.policy
-    if policy is None:
-        points = _draw_paths(axes, subject, choice)
-    elif subject.episodes[-1].horizon == 1 and len(subject.actions) > 1:
+    if subject.episodes[-1].horizon == 1 and len(subject.actions) > 1:
         points = _draw_attempts(axes, policy, subject)
     elif len(subject.coordinates.labels) == 1:
         points = _draw_line(axes, policy, subject, choice)
@@ -103,7 +101,7 @@ def _draw_map(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Choi
     grid = np.tile(np.median(visited[-1], axis=0), (CELLS**2, 1))
     grid[:, pair] = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
     mean = policy.mean(coordinates.inputs(grid))
-    shown = (mean if subject.spaces is None else subject.spaces.clip(mean))[:, choice.action].reshape(CELLS, CELLS)
+    shown = subject.spaces.clip(mean)[:, choice.action].reshape(CELLS, CELLS)
     least, most = _limits(subject, choice.action)
     image = axes.pcolormesh(*sides, shown, cmap=SIGNED, vmin=least, vmax=most, shading="gouraud")
     colour_bar(axes, image, subject.actions[choice.action])
@@ -113,19 +111,6 @@ def _draw_map(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Choi
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     label(axes, coordinates.labels[choice.x], coordinates.labels[choice.y])
     return visited[-1][:, pair]
-
-
-def _draw_paths(axes: Axes, subject: Subject, choice: Choice) -> Array:
-    """Draw only the episodes, for a run whose policy is not available."""
-    names = [*subject.coordinates.names.observations, subject.actions[choice.action]]
-    pair = [choice.x, choice.y if len(names) > 2 else 1]  # a single observation is drawn against the action
-    numbers = [np.column_stack([each.observations[0], each.actions[0][:, choice.action]]) for each in subject.episodes]
-    paths = [each[episode.mask[0]][:, pair] for each, episode in zip(numbers, subject.episodes, strict=True)]
-    low, high = _range(paths)
-    _draw_episodes(axes, paths, high - low)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    label(axes, names[pair[0]], names[pair[1]])
-    return np.asarray(paths[-1])
 
 
 def _draw_episodes(axes: Axes, paths: Sequence[Array], sizes: Array) -> None:
@@ -161,9 +146,7 @@ def _draw_line(axes: Axes, policy: GaussianPolicy, subject: Subject, choice: Cho
 
 def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Array:
     """Draw the first two components of the sampled actions, coloured by return, and the mean action."""
-    tried = np.concatenate([each.actions[:, 0, :2] for each in subject.episodes])
-    if subject.spaces is not None:
-        tried = subject.spaces.clip(np.concatenate([each.actions[:, 0] for each in subject.episodes]))[:, :2]
+    tried = subject.spaces.clip(np.concatenate([each.actions[:, 0] for each in subject.episodes]))[:, :2]
     returns = np.concatenate([each.returns(subject.discount) for each in subject.episodes])
     newest = subject.episodes[-1]
     inputs = newest.with_inputs(policy.inputs).observations[0]
@@ -182,10 +165,9 @@ def _draw_attempts(axes: Axes, policy: GaussianPolicy, subject: Subject) -> Arra
 
 def _limits(subject: Subject, action: int) -> tuple[float, float]:
     """Return the bounds of an action component; if it has none, the range of the actions taken."""
-    if subject.spaces is not None:
-        low, high = (float(bound.ravel()[action]) for bound in (subject.spaces.action_low, subject.spaces.action_high))
-        if np.isfinite(high - low) and high > low:
-            return low, high
+    low, high = (float(bound.ravel()[action]) for bound in (subject.spaces.action_low, subject.spaces.action_high))
+    if np.isfinite(high - low) and high > low:
+        return low, high
     most = max(float(np.abs(each.actions[each.mask][:, action]).max()) for each in subject.episodes)
     return -most - 1e-9, most + 1e-9
 

@@ -9,8 +9,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.runs.curve import columns
 from rkhs_ros.view.iteration_panel import IterationPanel
+from rkhs_ros.view.recorded import Recorded, state_of
 from rkhs_ros.view.serving import opened
-from rkhs_ros.view.source import Source, state_of
 from rkhs_ros.view.status import clock, counted
 
 ADDRESS, PORT = "127.0.0.1", 8080  # of the server that draws the scene, or the next free port
@@ -22,7 +22,7 @@ iframe { width: 100%; height: 620px; border: 1px solid #ccc; }
 """
 
 
-def html_page(source: Source) -> str:
+def html_page(source: Recorded) -> str:
     """Return the page of a run, which needs no other file and no connection.
 
     Args:
@@ -49,7 +49,7 @@ def html_page(source: Source) -> str:
 """
 
 
-def _returns(source: Source) -> str:
+def _returns(source: Recorded) -> str:
     """Return the last returns as a sentence."""
     last = source.rows[-1]
     kinds = {
@@ -64,14 +64,14 @@ def _returns(source: Source) -> str:
     return f"Last returns: {', '.join(known)}." if known else ""
 
 
-def _curve(source: Source) -> str:
+def _curve(source: Recorded) -> str:
     """Return the picture of the learning curve, as PNG in base 64."""
     content = BytesIO()
     curve_figure(columns(source.rows), source.task).savefig(content, format="png", dpi=CURVE_DPI, facecolor="white")
     return b64encode(content.getvalue()).decode()
 
 
-def _scene(source: Source) -> str:
+def _scene(source: Recorded) -> str:
     """Return a page that plays an episode of the last iteration in 3D."""
     server = opened(ADDRESS, PORT)
     try:

@@ -10,10 +10,9 @@ from viser import ViserServer
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
-from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.visualization import BodyTrajectories
 from rkhs_ros.view.board import Choice, Subject, draw
-from rkhs_ros.view.source import MODEL_ROLLOUTS, IterationView, Source
+from rkhs_ros.view.recorded import MODEL_ROLLOUTS, IterationView, Recorded
 from rkhs_ros.view.stage import Stage
 from rkhs_ros.view.tasks import appearance_of
 from rkhs_ros.view.timeline import Timeline
@@ -39,7 +38,7 @@ class IterationPanel:
         source: run to show.
     """
 
-    def __init__(self, server: ViserServer, source: Source) -> None:
+    def __init__(self, server: ViserServer, source: Recorded) -> None:
         self._server, self._source = server, source
         gui = server.gui
         self._which = gui.add_dropdown("Episode", ("-",))
@@ -144,7 +143,7 @@ class IterationPanel:
     def _set_motion(self, view: IterationView, episode: Episodes) -> None:
         """Set the motion of an episode; the first call sets up the stage and the controls for the axes."""
         going = episode.mask[0]
-        numbers = episode.observations[0][going], self._clipped(episode.actions[0][going])
+        numbers = episode.observations[0][going], self._source.spaces.clip(episode.actions[0][going])
         task, spaces, nodes = self._source.task, self._source.spaces, self._source.nodes
         if self._stage is None:
             self._names, self._scene = appearance_of(task, spaces, nodes, *numbers)
@@ -173,8 +172,7 @@ class IterationPanel:
         choice = Choice(
             coordinates.labels.index(across), coordinates.labels.index(up), self._names.actions.index(action)
         )
-        what = "Policy after" if coordinates.policy else "Episodes of"
-        title, task = f"{what} iteration {iteration}", self._source.task
+        title, task = f"Policy after iteration {iteration}", self._source.task
         if self._stage is not None and self.episode is not None:
             subject = Subject(title, coordinates, [*rows, self.episode], self._source.spaces, task.discount)
             self._stage.set_picture(draw(subject, choice))
@@ -191,12 +189,9 @@ class IterationPanel:
         """Return for how long the animation shows each frame."""
         return max(min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1), 1e-3)
 
-    def _clipped(self, actions: Array) -> Array:
-        return actions if self._source.spaces is None else self._source.spaces.clip(actions)
-
     def _step_text(self, episode: Episodes, step: int, steps: int) -> str:
         """Return a description of a step: observations, actions and reward."""
-        done = self._clipped(episode.actions[0, step][None])[0]
+        done = self._source.spaces.clip(episode.actions[0, step][None])[0]
         numbers = [*zip(self._names.observations, episode.observations[0, step], strict=True)]
         numbers += [*zip(self._names.actions, done, strict=True)]
         shown = [*numbers[:MAX_NUMBERS], ("reward", episode.rewards[0, step])]

@@ -1,22 +1,125 @@
 """Read a run from its recording: the policy and the episodes of every iteration, on demand."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from io import SEEK_SET
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mcap.records import McapRecord
+from mcap.writer import MCAP0_MAGIC
+
+from rkhs_ros.base.files import is_locked
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
+from rkhs_ros.learning.model_based.settings import ModelBased
+from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_of
-from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.batches import RecordedBatch, countable
-from rkhs_ros.recordings.following import Following, Place
+from rkhs_ros.recordings.container import Scan, Stored, records
+from rkhs_ros.recordings.definitions import PACKAGE, decoded
 from rkhs_ros.recordings.recording import Head, faults_named, head_of, recording_file, recording_of
 from rkhs_ros.runs.config import load_config, robot_nodes
 from rkhs_ros.runs.recorded import training_of
 from rkhs_ros.runs.report import is_started
-from rkhs_ros.view.source import IterationView, model_rollout_function
+
+MODEL_ROLLOUTS = 3  # per iteration
+RUNNING, FINISHED, ENDED = "running", "finished", "not running"
+
+
+class IterationView(NamedTuple):
+    """The policy and the episodes of an iteration.
+
+    Attributes:
+        policy: policy after the update.
+        exploration: exploration episodes of the iteration, as observed; None if there are none.
+        evaluation: evaluation episodes of the updated policy, as observed; None if there are none.
+        roll_out_model: rolls the policy out, without exploration noise, in a model of all episodes so far; None for
+            a run without a model.
+    """
+
+    policy: GaussianPolicy
+    exploration: Episodes | None
+    evaluation: Episodes | None
+    roll_out_model: Callable[[], Episodes] | None = None
+
+
+class Place(NamedTuple):
+    """Position of a message.
+
+    Attributes:
+        offset: offset of its record in the file, in bytes.
+        kind: name of its type within our package.
+        time: time of the recording in nanoseconds since 1970.
+    """
+
+    offset: int
+    kind: str
+    time: int
+
+
+class Following:
+    """Reader of a recording that may grow; holds at most one message in memory.
+
+    Owns the position in the file. Skips damaged records.
+
+    Args:
+        path: an MCAP file, which may not exist yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._begin(0)
+
+    def news(self) -> tuple[bool, list[tuple[Place, Any]]]:
+        """Return whether the file was replaced, and our messages since the last call."""
+        try:
+            about = self.path.stat()
+        except OSError:
+            return False, []
+        is_other = about.st_ino != self._inode or about.st_size < self._offset
+        if is_other:
+            self._begin(about.st_ino)
+        return is_other, list(self._read(about.st_size))
+
+    def message(self, place: Place) -> Any:
+        """Return the message at a place.
+
+        Raises:
+            ValueError: the message no longer exists.
+        """
+        with self.path.open("rb") as file:
+            file.seek(place.offset, SEEK_SET)
+            for _, record in records(file, self.path.stat().st_size):
+                for stored, message in self._scanned(record):
+                    if stored.kind == PACKAGE + place.kind and stored.time == place.time:
+                        return message
+                break
+        raise ValueError(f"{self.path}: expected a message of type {place.kind} at {place.offset}, got another")
+
+    def _begin(self, inode: int) -> None:
+        self._inode = inode
+        self._offset = len(MCAP0_MAGIC)
+        self._scan = Scan()
+
+    def _read(self, size: int) -> Iterator[tuple[Place, Any]]:
+        with self.path.open("rb") as file:
+            file.seek(self._offset)
+            for begin, record in records(file, size):
+                for stored, message in self._scanned(record):
+                    yield Place(begin, stored.kind.removeprefix(PACKAGE), stored.time), message
+                self._offset = file.tell()
+
+    def _scanned(self, record: McapRecord) -> list[tuple[Stored, Any]]:
+        """Return pairs of a stored and a deserialised message, for our messages in a record; none if it is damaged."""
+        try:
+            ours = [each for each in self._scan.messages(record) if each.kind.startswith(PACKAGE)]
+            return [(each, decoded(each.content, each.kind, each.definition)) for each in ours]
+        except Exception:  # a damaged record raises almost anything
+            return []
 
 
 class StoredIteration(NamedTuple):
@@ -27,12 +130,20 @@ class StoredIteration(NamedTuple):
 
 
 class Recorded:
-    """A recorded run.
+    """A recorded run that may still grow.
 
     Owns the rows of the learning curve and the positions of policies and episodes in the file.
 
     Args:
         path: folder of a run, or an MCAP file.
+
+    Attributes:
+        path: folder or file of the run.
+        name: name of the run.
+        task: task of the run.
+        nodes: parameters of a robot's nodes by node name; empty for a simulator.
+        spaces: spaces of the task.
+        total: planned number of iterations.
 
     Raises:
         ValueError: the file is no recording, or contains no run.
@@ -43,7 +154,6 @@ class Recorded:
         file = recording_file(path)
         self.path = file.parent if is_started(file.parent) else file
         self._following = Following(file)
-        self.spaces: Spaces | None = None
         self._reset()
         self.refresh()
         require(self._head is not None, f"{file}", "the recording of a run", "a file without the header of a run")
@@ -78,10 +188,16 @@ class Recorded:
                 batches = [self._batch(place) for place in stored.episodes]
         except (ValueError, OSError):  # the run continues in another file, which the next refresh reads
             return None
-        roll_out_model = model_rollout_function(
-            self._model_settings, policy, lambda: self._explored(iteration), self.spaces, self.task.discount
-        )
+        roll_out_model = self._model_rollouts(policy, iteration)
         return IterationView(policy, *both_kinds(batches), roll_out_model)
+
+    def _model_rollouts(self, policy: GaussianPolicy, iteration: int) -> Callable[[], Episodes] | None:
+        """Return a cached function that rolls a policy out in the model; None without a model."""
+        settings, spaces, discount = self._model_settings, self.spaces, self.task.discount
+        if not isinstance(settings, ModelBased):
+            return None
+        explored = self._explored
+        return cache(lambda: model_rollouts_of(settings, policy, explored(iteration), spaces, discount, MODEL_ROLLOUTS))
 
     def _explored(self, iteration: int) -> Episodes:
         """Return the exploration episodes of all iterations up to the given one."""
@@ -136,3 +252,11 @@ def both_kinds(batches: Iterable[RecordedBatch]) -> tuple[Episodes | None, Episo
     kinds = ([each.episodes for each in finished if each.batch.explore == explore] for explore in (True, False))
     explored, evaluated = (Episodes.concatenate(kind) if kind else None for kind in kinds)
     return explored, evaluated
+
+
+def state_of(run: Recorded) -> str:
+    """Return the state of a run: RUNNING, FINISHED or ENDED (before its last iteration)."""
+    if run.path.is_dir() and is_locked(run.path):
+        return RUNNING
+    done = run.rows[-1].iteration if run.rows else 0
+    return FINISHED if done >= run.total else ENDED

@@ -12,10 +12,8 @@ from viser import ViserServer
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.report import is_started
-from rkhs_ros.view.nodes_panel import OpenReports
-from rkhs_ros.view.page import Page
+from rkhs_ros.view.page import OpenReports, Page
 from rkhs_ros.view.recorded import Recorded
-from rkhs_ros.view.source import Source
 
 LOCAL = ("127.0.0.1", "::1", "0.0.0.0", "localhost")
 REFRESH_S = 0.5  # between reads of the run
@@ -25,7 +23,7 @@ BEGIN_TIMEOUT_S = 30.0  # for a run to start
 END_MESSAGE_S = 0.3  # for the browsers to receive the last message
 
 
-def source_of(path: Path) -> Source:
+def source_of(path: Path) -> Recorded:
     """Open the run in a folder, or in a recording.
 
     Raises:
@@ -35,7 +33,7 @@ def source_of(path: Path) -> Source:
     return Recorded(path.parent if path.name == FILE and is_started(path.parent) else path)
 
 
-def wait_for_recording(file: Path) -> Source:
+def wait_for_recording(file: Path) -> Recorded:
     """Wait for a starting run to begin its recording, and open it.
 
     Raises:
@@ -69,8 +67,8 @@ def opened(host: str, port: int) -> ViserServer:
 
 
 def serve(
-    begun: Callable[[], Source],
-    others: Mapping[str, Source],
+    begun: Callable[[], Recorded],
+    others: Mapping[str, Recorded],
     open_reports: OpenReports,
     host: str,
     port: int,

@@ -6,10 +6,10 @@ from math import isnan
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.curve import seconds_left
 from rkhs_ros.runs.report import advice_in
-from rkhs_ros.view.source import RUNNING, Source
+from rkhs_ros.view.recorded import RUNNING, Recorded
 
 
-def status(source: Source, state: str) -> str:
+def status(source: Recorded, state: str) -> str:
     """Return the progress of a run as Markdown."""
     rows = source.rows
     lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
@@ -32,7 +32,7 @@ def measured(rows: Sequence[Row]) -> str:
     return text + ("" if isnan(model) else f", model rollouts {model:.4g}")
 
 
-def left(source: Source, state: str) -> str:
+def left(source: Recorded, state: str) -> str:
     """Return the remaining time of a run, estimated from its last iterations; empty if it is not running."""
     seconds = seconds_left(source.rows, source.total) if state == RUNNING else float("nan")
     return "" if isnan(seconds) else f", about {clock(seconds)} left"

@@ -29,13 +29,13 @@ class TaskAppearance(NamedTuple):
 
 
 def appearance_of(
-    task: Task, spaces: Spaces | None, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
+    task: Task, spaces: Spaces, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
 ) -> TaskAppearance:
     """Return the appearance of a task; a timeline of its observations and actions if it defines no scene.
 
     Args:
         task: task of the run.
-        spaces: spaces of the task; None if unknown.
+        spaces: spaces of the task.
         nodes: parameters of a robot's nodes by node name; empty for a simulator.
         observations: observations of an episode, shape (steps, d).
         actions: actions of that episode, shape (steps, n).

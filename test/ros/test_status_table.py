@@ -47,7 +47,7 @@ def test_problems_are_listed_below_the_table() -> None:
     rows = printed(table(statuses))
     assert [line.split()[:3] for line in rows if line.startswith("/")] == [
         ["/gate", "stopped", "0"],
-        ["/robot", "waiting", "getting"],
+        ["/robot", "waiting,", "getting"],
         ["/simulated_robot", "ok", "0"],
     ]
     assert [str(line) for line in reasons(statuses)] == [

@@ -7,8 +7,7 @@ from rkhs_ros.app.inline import load_acting
 from rkhs_ros.app.named import add_environment_argument
 from rkhs_ros.app.robots import robot_of
 from rkhs_ros.base.validation import require
-from rkhs_ros.pictures.film import USUAL, shoot
-from rkhs_ros.pictures.film_files import animate, draw_strip
+from rkhs_ros.pictures.film import USUAL, animate, draw_strip, shoot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -90,7 +90,7 @@ def table(statuses: Statuses) -> Table:
     for name, status in sorted(statuses.items()):
         values = values_of(status)
         state = Text(
-            truncated(" ".join(dict.fromkeys(filter(None, (_word(status), values.get(MODE)))))),
+            truncated(", ".join(dict.fromkeys(filter(None, (_word(status), values.get(MODE)))))),
             COLOURS.get(status.level, "red"),
         )
         result.add_row(Text(truncated(name)), state, *(Text(_cell(key, values.get(key, ""))) for key in COLUMNS))

@@ -10,9 +10,7 @@ from gymnasium.spaces import Box
 from PIL import Image
 
 from rkhs_ros.pictures import film as films
-from rkhs_ros.pictures import film_files
-from rkhs_ros.pictures.film import Film, shoot
-from rkhs_ros.pictures.film_files import animate, draw_strip
+from rkhs_ros.pictures.film import Film, animate, draw_strip, shoot
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -149,7 +147,7 @@ def test_a_strip_and_an_animation_have_the_right_sizes(tmp_path: Path, frames: i
 
 
 def test_a_large_animation_is_scaled_down_but_not_shortened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(film_files, "LIMIT", 20_000)
+    monkeypatch.setattr(films, "LIMIT", 20_000)
     animate(tmp_path / "film.gif", striped(30))
     assert (tmp_path / "film.gif").stat().st_size <= 20_000
     with Image.open(tmp_path / "film.gif") as animation:
@@ -161,11 +159,11 @@ def test_films_start_at_the_first_motion(tmp_path: Path) -> None:
     moving = striped(9).pictures
     still = np.repeat(moving[:1], 4, axis=0)
     shot = Film(np.concatenate([still, moving]), [f"{k} s" for k in range(13)])
-    assert film_files.first_motion(shot) == 4  # the last of five equal frames
+    assert films.first_motion(shot) == 4  # the last of five equal frames
     animate(tmp_path / "film.gif", shot)
     with Image.open(tmp_path / "film.gif") as animation:
         assert animation.n_frames == 9
-    assert film_files.first_motion(Film(still, ["0", "1", "2", "3"])) == 0
+    assert films.first_motion(Film(still, ["0", "1", "2", "3"])) == 0
 
 
 # Without a display

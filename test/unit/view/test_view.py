@@ -21,12 +21,12 @@ from rkhs_ros.pictures.known import names_of
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
-from rkhs_ros.recordings.following import Following
 from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.run import run_training
+from rkhs_ros.view.recorded import Following
 from sim_nodes.envs import TASKS
 
 viser = pytest.importorskip("viser")
@@ -35,9 +35,14 @@ from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates  # noqa: E402
 from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
 from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
-from rkhs_ros.view.recorded import Recorded  # noqa: E402
+from rkhs_ros.view.recorded import (  # noqa: E402
+    ENDED,
+    FINISHED,
+    RUNNING,
+    Recorded,
+    state_of,
+)
 from rkhs_ros.view.serving import opened  # noqa: E402
-from rkhs_ros.view.source import ENDED, FINISHED, RUNNING, state_of  # noqa: E402
 from rkhs_ros.view.status import status  # noqa: E402
 from rkhs_ros.view.tasks import scene_of  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
