@@ -244,7 +244,7 @@ def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: A
     coordinates = PolicyCoordinates(policy, names_of(SimpleNamespace(environment="?"), d, n))
     across, up = coordinates.most_informative(episodes)
     rows = [episodes.take(slice(i, i + 1)) for i in range(3)]
-    board = draw(Subject("title", coordinates, rows, None, 0.9), Choice(across, up, n - 1))
+    board = draw(Subject("title", coordinates, rows, Spaces.unbounded(d, n), 0.9), Choice(across, up, n - 1))
     assert board.points.shape == (horizon, 2)
     assert ((board.points >= 0) & (board.points <= 1)).all()
     assert len(np.unique(board.image.reshape(-1, 3), axis=0)) > 50
