@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,22 +29,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 NANOSECONDS = 1e9
 RATE_TOLERANCE = 0.005  # relative difference between the rate of the time stamps and a whole number
 INDEX = "__index_level_0__"  # column that LeRobot uses to look up tasks
-Columns = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Episode:
-    """An episode as columns with one entry per step.
-
-    Attributes:
-        columns: values by name, shape (steps,) or (steps, width).
-    """
-
-    columns: Columns
-
-    def __len__(self) -> int:
-        """Return the number of steps."""
-        return len(self.columns["timestamp"])
+Columns = dict[str, np.ndarray]  # of an episode: values by name, shape (steps,) or (steps, width)
 
 
 def export(
@@ -74,14 +58,12 @@ def export(
     require(bool(batches), "recording", "completed episodes", "none")
     rate = _rate(batches) if fps is None else fps
     episodes = list(_episodes(batches, fps))
-    files = {DATA: _table(_frames(episodes)), EPISODES: _table(_descriptions(episodes, task)), TASKS: _tasks(task)}
+    frames = {name: np.concatenate([each[name] for each in episodes]) for name in episodes[0]}
+    files = {DATA: _table(frames), EPISODES: _table(_descriptions(episodes, task)), TASKS: _tasks(task)}
     for name, table in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         parquet.write_table(table, folder / name)
-    everything = {name: np.concatenate([e.columns[name] for e in episodes]) for name in episodes[0].columns}
-    stats = {
-        name: {key: value.tolist() for key, value in _stats(column).items()} for name, column in everything.items()
-    }
+    stats = {name: {key: value.tolist() for key, value in _stats(column).items()} for name, column in frames.items()}
     _write_json(folder / "meta/info.json", _info(episodes, rate, spaces))
     _write_json(folder / "meta/stats.json", stats)
     return len(episodes), rate
@@ -108,7 +90,7 @@ def _rate(batches: Sequence[RecordedBatch]) -> int:
     return rate
 
 
-def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Episode]:
+def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Columns]:
     index = 0
     indexed = ((each, i) for each in batches for i in range(each.batch.num_envs))
     for number, (each, i) in enumerate(indexed):
@@ -119,7 +101,7 @@ def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Epi
         columns["index"] = index + np.arange(steps)
         columns["task_index"] = np.zeros(steps, dtype=np.int64)
         index += steps
-        yield Episode(columns)
+        yield columns
 
 
 def _columns(each: RecordedBatch, i: int, fps: int | None) -> Columns:
@@ -143,16 +125,12 @@ def _measured_times(execution: Execution, steps: int) -> Array:
     return np.asarray((execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS)
 
 
-def _frames(episodes: Sequence[Episode]) -> dict[str, Any]:
-    return {name: np.concatenate([each.columns[name] for each in episodes]) for name in episodes[0].columns}
-
-
-def _descriptions(episodes: Sequence[Episode], task: str) -> dict[str, Any]:
+def _descriptions(episodes: Sequence[Columns], task: str) -> dict[str, Any]:
     """Return the location and the statistics of each episode."""
-    lengths = np.array([len(each) for each in episodes])
+    lengths = np.array([len(each["timestamp"]) for each in episodes])
     ends = np.cumsum(lengths)
     none = np.zeros(len(episodes), dtype=np.int64)
-    stats = [{n: _stats(column) for n, column in each.columns.items()} for each in episodes]
+    stats = [{n: _stats(column) for n, column in each.items()} for each in episodes]
     return {
         "episode_index": np.arange(len(episodes)),
         "tasks": [[task]] * len(episodes),
@@ -184,20 +162,20 @@ def _stats(column: np.ndarray) -> Mapping[str, Array]:
     }
 
 
-def _info(episodes: Sequence[Episode], fps: int, spaces: Spaces | None) -> dict[str, Any]:
+def _info(episodes: Sequence[Columns], fps: int, spaces: Spaces | None) -> dict[str, Any]:
     names = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
     return {
         "codebase_version": VERSION,
         "robot_type": None,
         "total_episodes": len(episodes),
-        "total_frames": sum(map(len, episodes)),
+        "total_frames": sum(len(each["timestamp"]) for each in episodes),
         "total_tasks": 1,
         **FILES,
         "fps": fps,
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{PLACES}",
         "video_path": None,
-        "features": {n: _feature(column, names.get(n, ())) for n, column in episodes[0].columns.items()},
+        "features": {n: _feature(column, names.get(n, ())) for n, column in episodes[0].items()},
     }
 
 

@@ -1,12 +1,15 @@
-"""Recorder of a run."""
+"""Recorder of a run, and the content of the recording that a resumed run continues."""
 
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from hashlib import blake2b
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.messages import episodes_message
@@ -16,8 +19,16 @@ from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.batches import ARRAYS
 from rkhs_ros.recordings.container import MessageFile, Stored
-from rkhs_ros.recordings.definitions import Types, definition, encoded
-from rkhs_ros.recordings.recording import Head, Recording, head_fields
+from rkhs_ros.recordings.definitions import PACKAGE, Types, decoded, definition, encoded
+from rkhs_ros.recordings.recording import (
+    Head,
+    Recording,
+    faults_named,
+    head_fields,
+    intact_messages,
+    own_messages,
+    recording_of,
+)
 
 TYPES = Types()
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
@@ -115,3 +126,42 @@ def _digest(policy: GaussianPolicy) -> bytes:
     for name, array in policy_arrays(policy).items():
         digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
     return digest.digest()
+
+
+def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Recording, list[Stored]]:
+    """Return the recording of a run that resumes after an iteration, and its messages; both are empty without a file.
+
+    The run rewrites the file with these messages.
+
+    Args:
+        path: the recording.
+        iterations: number of finished iterations.
+        keeps_later: whether to keep what was recorded after the iteration, except updates, since the episodes of a
+            robot are not repeated.
+
+    Raises:
+        ValueError: the file is not a recording of these iterations.
+        OSError: the file cannot be read.
+    """
+    found = intact_messages(path) if os.path.lexists(path) else None
+    if found is None:
+        recording, messages = Recording(), list[Stored]()
+    else:
+        with faults_named(path):
+            messages = list(_until(found.messages, iterations, keeps_later))
+            recording = recording_of(own_messages(messages))
+    updates = [update.iteration for update in recording.updates]
+    expected = f"the updates of the {iterations} finished iterations"
+    require(updates == list(range(1, iterations + 1)), f"{path}", expected, f"{len(updates)} updates")
+    return (recording, messages) if recording.head else (Recording(), [])
+
+
+def _until(messages: Iterable[Stored], iterations: int, keeps_later: bool) -> Iterator[Stored]:
+    """Yield the messages up to the update of an iteration, and the headers or all messages but updates after it."""
+    is_past = iterations == 0
+    for stored in messages:
+        is_update = stored.kind == f"{PACKAGE}Update"
+        if not is_past or (not is_update and (keeps_later or stored.kind == f"{PACKAGE}Task")):
+            yield stored
+        if is_update and not is_past:
+            is_past = decoded(stored.content, stored.kind, stored.definition).iteration == iterations

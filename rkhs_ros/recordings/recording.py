@@ -1,7 +1,6 @@
 """Content of a recording as values: header, policies, batches of episodes and updates."""
 
 import json
-import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -187,9 +186,9 @@ def read_recording(path: Path) -> Recording:
         OSError: the file cannot be read.
     """
     path = recording_file(path)
-    found = None if path.is_dir() else _whole(path)
+    found = None if path.is_dir() else intact_messages(path)
     with faults_named(path):
-        recording = recording_of(_ours(found.messages) if found else _bag_messages(path))
+        recording = recording_of(own_messages(found.messages) if found else _bag_messages(path))
     recording.lost = found.lost if found else 0
     require(
         bool(recording.head or recording.batches), f"{path}", "a recording of a run", "no messages of rkhs_interfaces"
@@ -201,45 +200,6 @@ def read_recording(path: Path) -> Recording:
             file=sys.stderr,
         )
     return recording
-
-
-def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Recording, list[Stored]]:
-    """Return the recording of a run that resumes after an iteration, and its messages; both are empty without a file.
-
-    The run rewrites the file with these messages.
-
-    Args:
-        path: the recording.
-        iterations: number of finished iterations.
-        keeps_later: whether to keep what was recorded after the iteration, except updates, since the episodes of a
-            robot are not repeated.
-
-    Raises:
-        ValueError: the file is not a recording of these iterations.
-        OSError: the file cannot be read.
-    """
-    found = _whole(path) if os.path.lexists(path) else None
-    if found is None:
-        recording, messages = Recording(), list[Stored]()
-    else:
-        with faults_named(path):
-            messages = list(_until(found.messages, iterations, keeps_later))
-            recording = recording_of(_ours(messages))
-    updates = [update.iteration for update in recording.updates]
-    expected = f"the updates of the {iterations} finished iterations"
-    require(updates == list(range(1, iterations + 1)), f"{path}", expected, f"{len(updates)} updates")
-    return (recording, messages) if recording.head else (Recording(), [])
-
-
-def _until(messages: Iterable[Stored], iterations: int, keeps_later: bool) -> Iterator[Stored]:
-    """Yield the messages up to the update of an iteration, and the headers or all messages but updates after it."""
-    is_past = iterations == 0
-    for stored in messages:
-        is_update = stored.kind == f"{PACKAGE}Update"
-        if not is_past or (not is_update and (keeps_later or stored.kind == f"{PACKAGE}Task")):
-            yield stored
-        if is_update and not is_past:
-            is_past = decoded(stored.content, stored.kind, stored.definition).iteration == iterations
 
 
 @contextmanager
@@ -260,7 +220,7 @@ def faults_named(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: expected the messages of a run, got invalid ones ({truncated(why)})") from error
 
 
-def _whole(path: Path) -> Found:
+def intact_messages(path: Path) -> Found:
     """Return the intact messages of an MCAP file; print warnings about damaged parts."""
     found = read_messages(path)
     for fault in found.faults:
@@ -268,7 +228,7 @@ def _whole(path: Path) -> Found:
     return found
 
 
-def _ours(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
+def own_messages(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
     """Yield the type, the time and the content of each message of this project."""
     for stored in messages:
         if stored.kind.startswith(PACKAGE):
@@ -279,7 +239,9 @@ def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield the type, the time and the content of each message of this project in a bag."""
     files = sorted(folder.glob("*.mcap"))
     if files:
-        yield from _ours(sorted((each for file in files for each in _whole(file).messages), key=lambda each: each.time))
+        yield from own_messages(
+            sorted((each for file in files for each in intact_messages(file).messages), key=lambda each: each.time)
+        )
         return
     from rosbags.highlevel import AnyReader  # here, since the import takes 0.2 s
 

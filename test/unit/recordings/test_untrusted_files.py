@@ -11,7 +11,8 @@ from mcap.writer import Writer
 from rkhs_ros.base.files import MOST_BYTES
 from rkhs_ros.policies.policy import load
 from rkhs_ros.recordings.container import Found, read_messages
-from rkhs_ros.recordings.recording import read_held, read_recording
+from rkhs_ros.recordings.recorder import read_held
+from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
