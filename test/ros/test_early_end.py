@@ -55,7 +55,7 @@ CONFIG = """
 simulator: {ros__parameters: {environment: {id: "one_robot:Robot-v0"}}}
 learner:
   ros__parameters:
-    {iterations: 3, episodes_per_iteration: 10, evaluation_episodes: 3, horizon: 20, model: {form: none}}
+    {iterations: 2, episodes_per_iteration: 4, evaluation_episodes: 2, horizon: 20, model: {form: none}}
 """
 
 
@@ -70,11 +70,11 @@ def test_one_robot_learns_over_topics_as_in_process(
         code, out, err = run.finish()
         assert code == 0, err
         assert not Path("taken").exists()
-        assert out.startswith("Trained on one_robot:Robot-v0 for 30 episodes")
+        assert out.startswith("Trained on one_robot:Robot-v0 for 8 episodes")
     lines = [Path(name, "curve.csv").read_text().splitlines() for name in ("inline", "ros")]
     without_seconds = [[line.rpartition(",")[0] for line in curve] for curve in lines]
     assert without_seconds[0] == without_seconds[1]
-    assert len(without_seconds[0]) == 4
+    assert len(without_seconds[0]) == 3
     for file in ("policy.npz", "best_policy.npz"):
         assert Path("inline", file).read_bytes() == Path("ros", file).read_bytes()
     episodes = read_recording(Path("ros")).last_episodes()

