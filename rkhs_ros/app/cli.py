@@ -11,8 +11,7 @@ from typing import Any, NoReturn
 
 from rkhs_ros import __version__
 from rkhs_ros.app.named import path
-from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
-from rkhs_ros.base.streams import tolerate_closed_stdout, tolerate_lost_stderr
+from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error, tolerate_closed_stdout, tolerate_lost_stderr
 
 # Each module defines add_arguments(parser) and run(options), which returns the exit code.
 COMMANDS = {

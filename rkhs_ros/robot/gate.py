@@ -228,15 +228,11 @@ def _foresee(rules: Rules, motion: Setpoint, goal: Array, interval: float) -> tu
     """Return the output after an interval (the timeout at most), and which limit keeps it from its goal."""
     periods = max(round(min(interval, rules.command_timeout) / rules.period), 1)
     value = foreseen(rules.limits, rules.period, motion, goal, periods)
-    if _is_same(value, goal):
+    if (np.abs(value - goal) <= SAME * (1.0 + np.abs(goal))).all():
         return goal, Flags(0)
     is_too_far = bool((np.abs(goal - motion.value) > rules.limits.rate * (periods * rules.period)).any())
     flag = {POSITION: is_too_far, VELOCITY: False, EFFORT: True}[rules.limits.kind]
     return value, Flags.CLAMPED_VELOCITY if flag else Flags.CLAMPED_ACCELERATION
-
-
-def _is_same(value: Array, goal: Array) -> bool:
-    return bool((np.abs(value - goal) <= SAME * (1.0 + np.abs(goal))).all())
 
 
 def _watch(state: Gate, rules: Rules, now: float) -> Gate:

@@ -48,13 +48,16 @@ class Limits:
             object.__setattr__(self, name, _array(getattr(self, name), joints, f"limits.{name}"))
         for name in ("velocity", "acceleration", "step"):
             _require_magnitudes(getattr(self, name), f"limits.{name}")
-        for name in ("minimum", "maximum", *self._needed()):
+        needed = {POSITION: ("velocity", "acceleration"), VELOCITY: ("acceleration",), EFFORT: ()}[self.kind]
+        for name in ("minimum", "maximum", *needed):
             finite = bool(np.isfinite(getattr(self, name)).all())
             require(finite, f"limits.{name}", f"a limit for each joint (required for {self.kind} commands)", "none")
         _require_order(self.minimum, self.maximum, "limits")
         if self.kind != POSITION:
             good = bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
-            require(good, "limits", "minimum <= 0 <= maximum, so that rest is allowed", _pairs(self))
+            require(
+                good, "limits", "minimum <= 0 <= maximum, so that rest is allowed", f"{self.minimum} and {self.maximum}"
+            )
         none = self.kind != EFFORT or bool(np.isinf(self.acceleration).all())
         require(none, "limits.acceleration", "no value for effort commands", self.acceleration)
 
@@ -73,9 +76,6 @@ class Limits:
         if self.kind != VELOCITY:
             return self.minimum, self.maximum
         return np.maximum(self.minimum, -self.velocity), np.minimum(self.maximum, self.velocity)
-
-    def _needed(self) -> tuple[str, ...]:
-        return {POSITION: ("velocity", "acceleration"), VELOCITY: ("acceleration",), EFFORT: ()}[self.kind]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,3 @@ def _require_order(minimum: Array, maximum: Array, what: str) -> None:
     good = bool((np.abs(finite[np.isfinite(finite)]) <= MOST).all())
     good &= bool((minimum < np.inf).all() and (maximum > -np.inf).all())
     require(good, what, f"minimum and maximum within {MOST:g}", f"{minimum} and {maximum}")
-
-
-def _pairs(limits: Limits) -> str:
-    return f"{limits.minimum} and {limits.maximum}"

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from rkhs_ros.nodes.robot.stop_topics import QOS
+from rkhs_ros.nodes.robot.gate_messages import QOS
 from test.processes import is_running
 from test.ros.conftest import Probe, Process, kill
 from test.ros.gate_bench import CALM, Begin, Robot, gates

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from rkhs_ros.app.inline import spaces_of
 from rkhs_ros.app.named import SUFFIXES, named, source
+from rkhs_ros.base.endings import Lossy
 from rkhs_ros.base.files import locked
-from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training_settings import AUTO

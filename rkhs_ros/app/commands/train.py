@@ -20,9 +20,8 @@ from rkhs_ros.app.study import (
     report_failures,
     seed_folders,
 )
-from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, print_error
+from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, Lossy, RunError, print_error
 from rkhs_ros.base.ros import missing_ros, require_ros
-from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.state import first_state

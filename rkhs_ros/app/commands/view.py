@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING
 import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
 from rkhs_ros.app.domain import domain_of
 from rkhs_ros.app.named import add_environment_argument
-from rkhs_ros.base.endings import INTERRUPTED
+from rkhs_ros.base.endings import INTERRUPTED, Lossy
 from rkhs_ros.base.processes import python, terminate_with_parent
 from rkhs_ros.base.ros import missing_ros
-from rkhs_ros.base.streams import Lossy
 from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
 

@@ -66,14 +66,6 @@ class Peers:
                 raise StoppedError
         return True
 
-    def rest(self, seconds: float) -> None:
-        """Handle messages for some time.
-
-        Raises:
-            StoppedError: the process was asked to exit.
-        """
-        self.spin(lambda: False, seconds)
-
     def wait_for_service(self, client: Client, name: str) -> None:
         """Wait until a node offers a service.
 
@@ -84,13 +76,10 @@ class Peers:
         if self.spin(client.service_is_ready, min(LOGGED_AFTER_S, self.timeout_s)):
             return
         if self.timeout_s > LOGGED_AFTER_S:
-            self._log_waiting(name, begin)
+            left = max(begin + self.timeout_s - time.monotonic(), 0.0)
+            self._node.get_logger().info(f"waiting for the {name} node, for at most {left:.0f} s")
         if not self.spin(client.service_is_ready, begin + self.timeout_s - time.monotonic()):
             raise self.silent(name)
-
-    def _log_waiting(self, name: str, begin: float) -> None:
-        left = max(begin + self.timeout_s - time.monotonic(), 0.0)
-        self._node.get_logger().info(f"waiting for the {name} node, for at most {left:.0f} s")
 
     def call(self, client: Client, request: Any, name: str, *, repeatable: bool = False) -> Any:
         """Return a node's answer.
@@ -132,7 +121,7 @@ class Peers:
         while not (response := ask()).success:
             if time.monotonic() > deadline:
                 raise ValueError(f"the {name} node refused: {response.message}")
-            self.rest(SIGNAL_CHECK_S)
+            self.spin(lambda: False, SIGNAL_CHECK_S)
         return response
 
     def silent(self, name: str, how: str = "did not answer") -> SilentError:

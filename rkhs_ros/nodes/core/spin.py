@@ -26,10 +26,18 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, StoppedError, print_error
+from rkhs_ros.base.endings import (
+    INTERRUPTED,
+    RESUMABLE,
+    RunError,
+    SilentError,
+    Stop,
+    StoppedError,
+    print_error,
+    tolerate_lost_stderr,
+)
 from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.settings import Entry
-from rkhs_ros.base.streams import tolerate_lost_stderr
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.names import in_one_line
@@ -72,7 +80,8 @@ class ReportingNode(Node):
         super().__init__(
             name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
         )
-        self._fix_clock()
+        about = {"description": "take time stamps from /clock; fixed when the node starts"}
+        declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])  # read-only: stamps must not jump
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
         self._claim = socket.socket(socket.AF_UNIX)
 
@@ -106,11 +115,6 @@ class ReportingNode(Node):
             ValueError: an unknown parameter, or an invalid value.
         """
         raise NotImplementedError
-
-    def _fix_clock(self) -> None:
-        """Make `use_sim_time` read-only like all other parameters: stamps must not jump."""
-        about = {"description": "take time stamps from /clock; fixed when the node starts"}
-        declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])
 
     def log_fatal(self, reason: str) -> None:
         """Publish on /rosout why the node exits; standard error gets its own line."""

@@ -23,12 +23,12 @@ from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,
     JointStates,
+    StopTopics,
     command_of,
     hardware_message,
     report_message,
     state_message,
 )
-from rkhs_ros.nodes.robot.stop_topics import StopTopics
 from rkhs_ros.robot.gate import (
     armed,
     begin,

@@ -162,7 +162,7 @@ def test_help_imports_the_standard_library_only() -> None:
             "rkhs_ros.base",
             "rkhs_ros.base.endings",
             "rkhs_ros.base.processes",
-            "rkhs_ros.base.streams",
+            "rkhs_ros.base.endings",
         )
     }
 
