@@ -254,6 +254,6 @@ def test_the_examples_of_the_page_are_valid() -> None:
     examples = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
     trees = [yaml.safe_load(example)["/**/simulated_robot"]["ros__parameters"] for example in examples]
     robots = [tree.pop("robot") for tree in trees]
-    assert robots == ["motor_pendulum", "arm"]
+    assert robots == ["motor_pendulum"]
     for robot, tree in zip(robots, trees, strict=True):
         assert settings_of(robot, tree) != SETTINGS[robot]()
