@@ -18,6 +18,7 @@ from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.runs.progress import bar_columns, bar_console
 
 CONNECT_TIMEOUT_S = 10
+LOST = "a worker process was killed; run the same command to continue"
 SAME_ON_ALL = ["rkhs_ros", "numpy", "scipy"]  # packages of which the workers of a cluster have our versions
 T = TypeVar("T")
 
@@ -56,11 +57,8 @@ def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], jobs:
         yield from (call(*each) for each in arguments)
         return
     with _cluster(jobs) if isinstance(jobs, str) else _processes(processes) as executor:
-        try:
-            for future in as_completed([executor.submit(call, *each) for each in arguments]):
-                yield future.result()
-        except (BrokenProcessPool, CancelledError) as error:
-            raise WorkerLostError("a worker process was killed; run the same command to continue") from error
+        for future in as_completed([executor.submit(call, *each) for each in arguments]):
+            yield future.result()
 
 
 @contextmanager
@@ -68,6 +66,8 @@ def _processes(count: int) -> Iterator[Executor]:
     executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
         yield executor
+    except BrokenProcessPool as error:
+        raise WorkerLostError(LOST) from error
     finally:
         executor.shutdown(kill_workers=True)
 
@@ -84,10 +84,10 @@ def _cluster(address: str) -> Iterator[Executor]:
         client.get_versions(check=True, packages=SAME_ON_ALL)
         most = max(client.nthreads().values(), default=1)
         require(most == 1, "--jobs", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
-        executor = client.get_executor(pure=False, retries=0)
+        executor = client.get_executor(pure=False)
         try:
             yield executor
-        except distributed.scheduler.KilledWorker as error:
-            raise WorkerLostError("workers of the cluster were killed; run the same command to continue") from error
+        except (distributed.scheduler.KilledWorker, CancelledError) as error:
+            raise WorkerLostError(LOST) from error
         finally:
             executor.shutdown(wait=False)
