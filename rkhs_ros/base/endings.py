@@ -26,7 +26,7 @@ class SilentError(RunError):
 
 
 class StoppedError(BaseException):
-    """The process was asked to exit. It is no `Exception`, so that code which catches all errors does not catch it."""
+    """The process was asked to exit. It is no error, so ``except Exception`` does not catch it."""
 
 
 class Stop:
