@@ -294,6 +294,7 @@ def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Be
     probe.add_node("simulated_robot").create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
     expected = "arms_itself: expected only simulated robots on commands, got /probe"
     probe.until(lambda: any(each.status[0].message == f"waiting: {expected}" for each in heard))
+    robot.until("disarmed")
     assert {state.state for state in robot.states} == {"disarmed"}
     probe.destroy_subscription(robot.listener)
     robot.until("holding")
@@ -317,6 +318,7 @@ def test_a_gate_that_arms_itself_leaves_that_to_a_person_once_a_stop_was_request
     for answer in ("cannot arm: a stop is requested by the service 'stop'; arm again if the robot may move", "holding"):
         heard.clear()
         probe.until(lambda: len(heard) > 2)  # seconds, in which it would arm itself
+        robot.until("disarmed")
         assert {state.state for state in robot.states} == {"disarmed"}
         assert robot.arm() == answer
 
