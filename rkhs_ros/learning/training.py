@@ -9,10 +9,9 @@ from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.discovery import choose_action_repeat, correct_action_repeat, with_features
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
-from rkhs_ros.learning.model_based.real_experience import RealExperience, is_stuck
+from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.model_based.training_in_model import ModelUpdate, train_in_model
+from rkhs_ros.learning.model_based.training_in_model import train_in_model
 from rkhs_ros.learning.state import (
     Known,
     State,
@@ -142,7 +141,9 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
         memory = remembered(state.memory, exploration, training, policy, spaces)
-        model_update = _train_in_model(training.model, training, policy, memory, spaces, state)
+        newest, repeat = training.episodes_per_iteration, policy.action_repeat
+        experience = RealExperience(training, spaces, memory, newest, repeat, state.iterations, state.earlier)
+        model_update = train_in_model(training.model, policy, experience)
         earlier = (state.policy, *state.earlier)[:EARLIER]
         policy, metrics = model_update.policy, model_update.metrics
         model_return, model_error = model_update.model_return, model_update.model_error
@@ -154,10 +155,10 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
             kernel = training.kernel.fit(episodes.flat(episodes.observations), policy.inputs.ages)
             policy = policy.with_mean(replace(policy.mean, kernel=kernel))
         variance = first_variance(training, spaces)
-        experience = Experience(
+        update = Experience(
             episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
-        policy, metrics = training.algorithm.update(policy, experience)
+        policy, metrics = training.algorithm.update(policy, update)
         memory = remembered(state.memory, exploration, training, policy, spaces)
         model_return, model_error, optimistic = float("nan"), float("nan"), False
     done = state.iterations + 1
@@ -188,30 +189,3 @@ def with_action_repeat(state: State, training: Training, exploration: Episodes) 
         episodes = with_features(state.memory + exploration, policy.inputs)
         return replace(policy, action_repeat=correct_action_repeat(policy.action_repeat, episodes))
     return policy
-
-
-def _train_in_model(
-    settings: ModelBased,
-    training: Training,
-    policy: GaussianPolicy,
-    episodes: Episodes,
-    spaces: Spaces,
-    state: State,
-) -> ModelUpdate:
-    """Update the policy in a model of all real episodes so far."""
-    newest, nothing_known = training.episodes_per_iteration, reward_depends_on_action_only(episodes, spaces)
-    experience = RealExperience(
-        episodes=episodes.decisions(policy.action_repeat, training.discount, spaces),
-        newest=newest,
-        discount=training.discount**policy.action_repeat,
-        spaces=spaces,
-        kernel=training.kernel,
-        first_variance=first_variance(training, spaces),
-        seed=training.seed,
-        iteration=state.iterations,
-        earlier=state.earlier,
-        reward_depends_on_action_only=nothing_known,
-        seeks_novelty=nothing_known or is_stuck(episodes, newest, training.discount),
-        given_inputs=training.inputs,
-    )
-    return train_in_model(settings, training.algorithm, policy, experience)

@@ -9,11 +9,10 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import train_in_model
-from rkhs_ros.learning.state import Known, State, first_state, first_variance
+from rkhs_ros.learning.state import Known, State, first_state
 from rkhs_ros.learning.training import with_action_repeat
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.spaces import Spaces
@@ -45,25 +44,13 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     returns = episodes.returns(training.discount)
     before = Known.at(state, training)
     state = replace(state, policy=with_action_repeat(state, training, episodes))
-    repeat = state.policy.action_repeat
-    decisions = episodes.decisions(repeat, training.discount, spaces)
-    nothing_known = reward_depends_on_action_only(episodes, spaces)
+    newest, repeat = ceil(HELD_OUT * len(episodes)), state.policy.action_repeat
     while state.iterations < training.iterations:
+        # The model is the same in all iterations, and has already compared the earlier policies.
         experience = RealExperience(
-            episodes=decisions,
-            newest=ceil(HELD_OUT * len(episodes)),
-            discount=training.discount**repeat,
-            spaces=spaces,
-            kernel=training.kernel,
-            first_variance=first_variance(training, spaces),
-            seed=training.seed,
-            iteration=state.iterations,
-            earlier=(),  # the model is the same in all iterations, and has already compared them
-            reward_depends_on_action_only=nothing_known,
-            seeks_novelty=False,
-            given_inputs=training.inputs,
+            training, spaces, episodes, newest, repeat, state.iterations, earlier=(), may_explore=False
         )
-        model_update = train_in_model(settings, training.algorithm, state.policy, experience)
+        model_update = train_in_model(settings, state.policy, experience)
         state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0, episodes.count)
         yield Iteration(
             before=before,

@@ -1,13 +1,15 @@
 """The real episodes of a run and its settings, as model-based training needs them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.kernel_choice import KernelChoice
+from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
+from rkhs_ros.learning.state import first_variance
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
@@ -17,35 +19,53 @@ CLEAR_RISE = 0.05  # of a return above the first ones, relative to what the obse
 
 @dataclass(frozen=True)
 class RealExperience:
-    """The input of model-based training besides its settings and the policy.
+    """The input of model-based training besides the policy.
 
     Attributes:
-        episodes: all real episodes so far, with raw observations and one step per decision of the policy.
-        newest: number of episodes of the last iteration.
-        discount: discount factor of the return, per decision.
+        training: settings of the run.
         spaces: spaces of the task.
-        kernel: settings of the policy's kernel.
-        first_variance: variance of the first policy, shape (n,).
-        seed: seed of the run.
+        recorded: all real episodes so far, with raw observations.
+        newest: number of episodes of the last iteration.
+        action_repeat: number of steps for which the policy holds an action.
         iteration: number of previous real iterations.
         earlier: policies before the newest one, which the model may now prefer to it.
-        reward_depends_on_action_only: whether a cost of the actions explains the rewards of all steps.
-        seeks_novelty: whether rollouts also reward the model's uncertainty, because new data have to show the way.
-        given_inputs: inputs in the settings of the run, before anything was found in its data.
+        may_explore: whether the trained policy runs new episodes, which may show the way to a run that is stuck.
     """
 
-    episodes: Episodes
-    newest: int
-    discount: float
+    training: Training
     spaces: Spaces
-    kernel: KernelChoice
-    first_variance: Array
-    seed: int
+    recorded: Episodes
+    newest: int
+    action_repeat: int
     iteration: int
-    earlier: tuple[GaussianPolicy, ...]
-    reward_depends_on_action_only: bool
-    seeks_novelty: bool
-    given_inputs: Inputs
+    earlier: tuple[GaussianPolicy, ...] = ()
+    may_explore: bool = True
+
+    @cached_property
+    def episodes(self) -> Episodes:
+        """The real episodes with one step per decision of the policy."""
+        return self.recorded.decisions(self.action_repeat, self.training.discount, self.spaces)
+
+    @property
+    def discount(self) -> float:
+        """Discount factor of the return, per decision."""
+        return self.training.discount**self.action_repeat
+
+    @property
+    def first_variance(self) -> Array:
+        """Variance of the first policy, shape (n,)."""
+        return first_variance(self.training, self.spaces)
+
+    @cached_property
+    def reward_depends_on_action_only(self) -> bool:
+        """Whether a cost of the actions explains the rewards of all steps."""
+        return reward_depends_on_action_only(self.recorded, self.spaces)
+
+    @property
+    def seeks_novelty(self) -> bool:
+        """Whether rollouts also reward the model's uncertainty, because new data have to show the way."""
+        stuck = self.reward_depends_on_action_only or is_stuck(self.recorded, self.newest, self.training.discount)
+        return self.may_explore and stuck
 
     @property
     def reward_width(self) -> float:

@@ -76,38 +76,30 @@ class ModelUpdate:
     optimistic: bool
 
 
-def train_in_model(
-    settings: ModelBased, algorithm: Algorithm, policy: GaussianPolicy, experience: RealExperience
-) -> ModelUpdate:
+def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: RealExperience) -> ModelUpdate:
     """Train a policy in a model of all real episodes so far; the newest ones also test a model of the earlier ones."""
-    episodes, spaces = experience.episodes, experience.spaces
-    inputs = policy.inputs
-    if settings.discovery != "none" and inputs_may_change(inputs, algorithm, experience.kernel):
+    training, episodes, spaces = experience.training, experience.episodes, experience.spaces
+    algorithm, inputs = training.algorithm, policy.inputs
+    if settings.discovery != "none" and inputs_may_change(inputs, algorithm, training.kernel):
         history = settings.discovery == "all"
-        inputs = discover_inputs(inputs, episodes, spaces, history=history, given=experience.given_inputs)
-    policy = refit_policy(policy, algorithm, experience, inputs)
+        inputs = discover_inputs(inputs, episodes, spaces, history=history, given=training.inputs)
+    policy = refit_policy(policy, experience, inputs)
     priors = settings.priors(spaces.observation_dim)
     error = _error_of_previous_model(settings, policy, experience, priors)
     model = fit_model(settings, inputs, episodes, spaces)
-    nothing_known = experience.reward_depends_on_action_only
     optimistic = experience.seeks_novelty and priors.reward_fn is None
     focused = not model.starts_vary
     if focused:
         algorithm = _finer(algorithm)
-    runner = ModelRunner(
-        model,
-        optimism=experience.reward_width if optimistic else 0.0,
-        visited_starts=not focused,
-    )
-    repeat = policy.action_repeat
+    runner = ModelRunner(model, optimism=experience.reward_width if optimistic else 0.0, visited_starts=not focused)
     policy, metrics, expected = _optimise(
         settings, algorithm, replace(policy, noise="white", action_repeat=1), experience, runner
     )
     policy = exploration_policy(
-        replace(policy, action_repeat=repeat),
+        replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
         is_one_step=episodes.horizon == 1,
-        reward_depends_on_action_only=nothing_known,
+        reward_depends_on_action_only=experience.reward_depends_on_action_only,
     )
     return ModelUpdate(policy, metrics, expected, error, optimistic)
 
@@ -225,21 +217,19 @@ def _horizon(experience: RealExperience) -> int:
 
 
 def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Batch:
-    seed = stream_seed(experience.seed, "practice", experience.iteration)
+    seed = stream_seed(experience.training.seed, "practice", experience.iteration)
     return Batch(seed, number * settings.rollouts, settings.rollouts, _horizon(experience), explore=True)
 
 
 def _validation_seed(experience: RealExperience) -> int:
-    return stream_seed(experience.seed, "validation", experience.iteration)
+    return stream_seed(experience.training.seed, "validation", experience.iteration)
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
     raise ValueError("algorithm.step.rule: expected fixed or kl for model-based training, got line_search")
 
 
-def refit_policy(
-    policy: GaussianPolicy, algorithm: Algorithm, experience: RealExperience, inputs: Inputs
-) -> GaussianPolicy:
+def refit_policy(policy: GaussianPolicy, experience: RealExperience, inputs: Inputs) -> GaussianPolicy:
     """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean near the action bounds.
 
     The first episodes may have visited few states, so that another kernel fits now. If the mean is far beyond a bound,
@@ -253,7 +243,7 @@ def refit_policy(
         episodes = experience.episodes.with_inputs(inputs)
         points = episodes.flat(episodes.observations)
     few = subsample(points, MOST_COMPARED)
-    own, kernel = policy.mean.kernel, experience.kernel.fit(points, inputs.ages)
+    own, kernel = policy.mean.kernel, experience.training.kernel.fit(points, inputs.ages)
     if len(policy.mean.centres) == 0:
         mean = Function.constant(kernel, points.shape[1], policy.mean.output_dim, policy.mean.bias)
         return replace(policy, mean=mean, inputs=inputs)
@@ -264,7 +254,7 @@ def refit_policy(
     if kernel is own and np.array_equal(values, means):
         return policy
     bias = policy.mean.bias
-    mean = algorithm.space.fit(kernel, points, values - np.array(bias or 0.0))
+    mean = experience.training.algorithm.space.fit(kernel, points, values - np.array(bias or 0.0))
     return replace(policy, mean=replace(mean, bias=bias), inputs=inputs)
 
 

@@ -13,18 +13,18 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel, reward_depends_on_action_only
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import (
     EXPLORATION_DECAY,
     EXPLORATION_MINIMUM,
     FINER,
     VALIDATE_EVERY,
-    RealExperience,
 )
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
-from rkhs_ros.learning.state import first_policy, first_variance
+from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -123,21 +123,7 @@ def fitted(training: Training, episodes: Episodes) -> ModelRunner:
 
 def first_experience(training: Training, episodes: Episodes) -> RealExperience:
     """Return the input of the training in the model in the first iteration."""
-    spaces = Simulation(PENDULUM).spaces
-    return RealExperience(
-        episodes=episodes,
-        newest=len(episodes),
-        discount=training.discount,
-        spaces=spaces,
-        kernel=training.kernel,
-        first_variance=first_variance(training, spaces),
-        seed=training.seed,
-        iteration=0,
-        earlier=(),
-        reward_depends_on_action_only=reward_depends_on_action_only(episodes, spaces),
-        seeks_novelty=False,
-        given_inputs=training.inputs,
-    )
+    return RealExperience(training, Simulation(PENDULUM).spaces, episodes, len(episodes), 1, 0)
 
 
 def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
@@ -151,7 +137,7 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
     deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
     for number in range(settings.updates):
         policy = replace(policy, variance=ConstantVariance(deviation**2))
-        seed = stream_seed(experience.seed, "practice", experience.iteration)
+        seed = stream_seed(training.seed, "practice", experience.iteration)
         batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
         rollouts = Experience(runner.collect(policy, batch), training.discount, memory, refuse, variance, number)
         policy, _ = algorithm.update(policy, rollouts)
