@@ -9,8 +9,7 @@ from typing import Any
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES
-from rkhs_ros.learning.model_based.settings import MODELS
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import MODELS, Training
 
 PAGE = Path(__file__).with_name("settings.md")
 CHOICES = ("algorithm.name", "model.form")

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from rkhs_ros.learning.algorithms.step_rules import KLStep as KLStep
     from rkhs_ros.learning.algorithms.step_rules import LineSearch as LineSearch
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
-    from rkhs_ros.learning.model_based.settings import ModelBased as ModelBased
-    from rkhs_ros.learning.model_based.settings import NoModel as NoModel
+    from rkhs_ros.learning.training_settings import ModelBased as ModelBased
+    from rkhs_ros.learning.training_settings import NoModel as NoModel
     from rkhs_ros.policies.inputs import Inputs as Inputs
     from rkhs_ros.policies.policy import Policy as Policy
     from rkhs_ros.policies.policy import load as load
@@ -49,8 +49,8 @@ _HOMES = {
     "learning.algorithms.ac": ("AC",),
     "learning.algorithms.enac": ("ENAC",),
     "learning.kernel_choice": ("KernelChoice",),
+    "learning.training_settings": ("ModelBased", "NoModel"),
     "learning.algorithms.power": ("PoWER",),
-    "learning.model_based.settings": ("ModelBased", "NoModel"),
     "learning.algorithms.rkhs_ac": ("RKHSAC",),
     "learning.algorithms.rkhs_nac": ("RKHSNAC",),
     "learning.algorithms.rkhs_npg": ("RKHSNPG",),

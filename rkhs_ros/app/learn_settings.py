@@ -9,8 +9,7 @@ from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model_based.settings import MODELS, ModelSettings, NoModel
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import MODELS, ModelSettings, NoModel, Training, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.rkhs.kernels import Array, Kernel

@@ -9,8 +9,7 @@ import numpy as np
 
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model_based.settings import ModelBased
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

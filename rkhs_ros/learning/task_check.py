@@ -20,10 +20,9 @@ from rkhs_ros.learning.discovery import (
 )
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import inputs_may_change
 from rkhs_ros.learning.state import Known, settings_of
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array

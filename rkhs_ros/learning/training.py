@@ -10,7 +10,6 @@ from rkhs_ros.learning.discovery import choose_action_repeat, correct_action_rep
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import train_in_model
 from rkhs_ros.learning.state import (
     Known,
@@ -21,7 +20,7 @@ from rkhs_ros.learning.state import (
     may_correct_action_repeat,
     remembered,
 )
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch

@@ -15,10 +15,9 @@ from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import Draws, ModelRunner
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import fit_model
 from rkhs_ros.learning.state import State
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.inputs import Window
 from rkhs_ros.policies.spaces import Spaces
 

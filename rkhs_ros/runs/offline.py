@@ -10,11 +10,10 @@ from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import train_in_model
 from rkhs_ros.learning.state import Known, State, first_state
 from rkhs_ros.learning.training import with_action_repeat
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import ModelBased, Training, training_from
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.recording import Head, Recording
 from rkhs_ros.runs.config import tree_of

@@ -14,8 +14,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_of
 from rkhs_ros.recordings.batches import RecordedBatch, countable

@@ -10,8 +10,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import Parameter
 
 from rkhs_ros.base.settings import entries
-from rkhs_ros.learning.model_based.settings import NoModel
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import NoModel, Training
 from test.ros.conftest import Probe, Process
 
 OPTIONS = ["environment.options.angle", "environment.id", "environment.num_envs"]

@@ -14,8 +14,7 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model_based.settings import NoModel
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import NoModel, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function

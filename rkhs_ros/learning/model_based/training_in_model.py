@@ -16,8 +16,8 @@ from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_err
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.validation import Validation
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

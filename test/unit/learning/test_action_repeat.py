@@ -19,12 +19,11 @@ from rkhs_ros.learning.discovery import (
     correct_action_repeat,
 )
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import train, with_action_repeat
-from rkhs_ros.learning.training_settings import AUTO, Training
+from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message

@@ -20,8 +20,8 @@ from rkhs_ros.learning.diagnosis import (
     summary_of,
 )
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from test.unit.conftest import model_free

@@ -16,9 +16,9 @@ from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.model_based.settings import ModelBased, NoModel
 from rkhs_ros.learning.state import first_policy, first_state
 from rkhs_ros.learning.training import Collector, train
+from rkhs_ros.learning.training_settings import ModelBased, NoModel
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 import rkhs_ros
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import config_for

@@ -12,10 +12,9 @@ import rkhs_ros
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import ModelBased, Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy

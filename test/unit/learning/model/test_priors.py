@@ -12,8 +12,8 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_error
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation

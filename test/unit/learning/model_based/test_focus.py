@@ -11,10 +11,9 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import FINER
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces

@@ -13,8 +13,8 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.real_experience import is_stuck
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.streams import Batch

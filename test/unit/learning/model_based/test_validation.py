@@ -16,7 +16,6 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.settings import ModelBased
 from rkhs_ros.learning.model_based.training_in_model import (
     EXPLORATION_DECAY,
     EXPLORATION_MINIMUM,
@@ -26,7 +25,7 @@ from rkhs_ros.learning.model_based.training_in_model import (
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
