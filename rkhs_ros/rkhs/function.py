@@ -90,15 +90,6 @@ class Function:
         """The part in the RKHS."""
         return replace(self, bias=())
 
-    def inner(self, other: Function) -> float:
-        r"""Return :math:`\langle h, g \rangle_{H_K} = \mathrm{tr}(\alpha^\top \kappa(c, c') \beta)`."""
-        gram = self.kernel(self.centres, other.centres)
-        return float(np.sum(self.weights * (gram @ other.weights)))
-
-    def norm(self) -> float:
-        """Return the norm in the RKHS."""
-        return float(np.sqrt(max(self.inner(self), 0.0)))
-
 
 @dataclass(frozen=True)
 class FixedBasis:

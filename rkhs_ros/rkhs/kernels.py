@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,10 +60,6 @@ class Kernel(NamedFields, ABC):
         """Return a function from points to their kernel with ``y``: faster for many calls, bit-identical."""
         return lambda x: self(x, y)
 
-    def row_by_row(self, x: Array) -> Callable[[int], Array]:
-        """Return a function from i to row i of the Gram matrix of ``x``, shape (n,)."""
-        return lambda i: self(x[i : i + 1], x)[0]
-
     def with_centres(self, centres: Array) -> Callable[[Array], Array]:
         """Return a fast function from points to their kernel with centres, shape (m, d).
 
@@ -110,10 +106,6 @@ class RBF(Kernel):
         scale = self._scale(y.shape[1])
         scaled = y * scale
         return lambda x: _gaussian(x * scale, scaled)
-
-    def row_by_row(self, x: Array) -> Callable[[int], Array]:  # noqa: D102
-        scaled = x * self._scale(x.shape[1])  # computed once, not for every row
-        return lambda i: _gaussian(scaled[i : i + 1], scaled)[0]
 
     def with_centres(self, centres: Array) -> Callable[[Array], Array]:
         r"""See `Kernel.with_centres`.
@@ -218,45 +210,40 @@ class Linear(Kernel):
 
 
 @dataclass(frozen=True)
-class Sum(Kernel):
-    """Sum of two kernels."""
+class _Pair(Kernel):
+    """Two kernels, whose values an operation combines."""
 
     left: Kernel
     right: Kernel
+    name: ClassVar[str]
+    combine: ClassVar[np.ufunc]
 
-    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
-        return self.left(x, y) + self.right(x, y)
+    def __call__(self, x: Array, y: Array) -> Array:
+        return np.asarray(self.combine(self.left(x, y), self.right(x, y)))
 
-    def diagonal(self, x: Array) -> Array:  # noqa: D102
-        return self.left.diagonal(x) + self.right.diagonal(x)
+    def diagonal(self, x: Array) -> Array:
+        return np.asarray(self.combine(self.left.diagonal(x), self.right.diagonal(x)))
 
     @property
-    def is_positive(self) -> bool:  # noqa: D102
+    def is_positive(self) -> bool:
         return self.left.is_positive and self.right.is_positive
 
-    def terms(self) -> tuple[Term, ...]:  # noqa: D102
-        return (*self.left.terms(), *self.right.terms(), Term("sum", ()))
+    def terms(self) -> tuple[Term, ...]:
+        return (*self.left.terms(), *self.right.terms(), Term(self.name, ()))
 
 
 @dataclass(frozen=True)
-class Product(Kernel):
+class Sum(_Pair):
+    """Sum of two kernels."""
+
+    name, combine = "sum", np.add
+
+
+@dataclass(frozen=True)
+class Product(_Pair):
     """Product of two kernels."""
 
-    left: Kernel
-    right: Kernel
-
-    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
-        return self.left(x, y) * self.right(x, y)
-
-    def diagonal(self, x: Array) -> Array:  # noqa: D102
-        return self.left.diagonal(x) * self.right.diagonal(x)
-
-    @property
-    def is_positive(self) -> bool:  # noqa: D102
-        return self.left.is_positive and self.right.is_positive
-
-    def terms(self) -> tuple[Term, ...]:  # noqa: D102
-        return (*self.left.terms(), *self.right.terms(), Term("product", ()))
+    name, combine = "product", np.multiply
 
 
 def _gaussian(x: Array, y: Array) -> Array:

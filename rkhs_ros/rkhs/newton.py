@@ -48,13 +48,13 @@ def pivoted_cholesky(kernel: Kernel, points: Array, rank: int, tolerance: float 
     rows = np.empty((rank, len(points)))
     pivots = np.empty(rank, dtype=int)
     gram = kernel(points, points) if rank == len(points) else None
-    row_of = kernel.row_by_row(points)
+    near = kernel.to(points)
     for k in range(rank):
         pivot = int(power.argmax())
         if power[pivot] <= floor:
             pivots, rows = pivots[:k], rows[:k]
             break
-        rows[k] = row_of(pivot) if gram is None else gram[pivot]
+        rows[k] = near(points[pivot : pivot + 1])[0] if gram is None else gram[pivot]
         shares, length = rows[:k, pivot], np.sqrt(power[pivot])
         for block in blocks_of(len(points)):  # a block fits into the cache
             row = rows[k, block]

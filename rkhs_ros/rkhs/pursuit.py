@@ -9,7 +9,6 @@ to compute weights.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -20,7 +19,6 @@ from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 from rkhs_ros.rkhs.regression import blocks_of
 
-Fitting = Literal["back_fitting", "pre_fitting"]
 LEAST_RANK, RANK_PER_CENTRE = 160, 4  # the Newton basis has at most this size, or, if greater, this times the budget
 RANK_TOLERANCE = 1e-13  # squared distance from its span below which the basis spans a candidate
 DEPENDENCE_TOLERANCE = 1e-10  # squared distance from the span of the selection, relative to the squared length
@@ -57,10 +55,11 @@ def pursue(
     candidates: Array,
     *,
     budget: int,
-    fitting: Fitting = "pre_fitting",
     ridge: float = 0.0,
 ) -> Pursuit:
     """Fit values at points by at most ``budget`` kernel functions of the candidates.
+
+    Each selection leaves the smallest residual after all weights are fitted again (pre-fitting).
 
     Args:
         kernel: scalar kernel.
@@ -68,14 +67,11 @@ def pursue(
         targets: values to fit, shape (n, k); all k columns share the selected centres.
         candidates: possible centres, shape (p, d).
         budget: maximum number of selections.
-        fitting: both fit all weights again after each selection; ``back_fitting`` selects by the residual before the
-            fit, ``pre_fitting`` by the residual after it.
         ridge: weight of the function's squared RKHS norm relative to the mean squared residual.
 
     Raises:
-        ValueError: the fitting is unknown or the budget is below 1.
+        ValueError: the budget is below 1.
     """
-    require(fitting in get_args(Fitting), "fitting", f"one of {', '.join(get_args(Fitting))}", f"'{fitting}'")
     require(budget >= 1, "budget", "at least 1 centre", budget)
     rank = max(LEAST_RANK, RANK_PER_CENTRE * budget)
     cholesky = pivoted_cholesky(kernel, candidates, rank, RANK_TOLERANCE)
@@ -83,10 +79,10 @@ def pursue(
     size = len(basis.centres)
     triangle, reduced, unreachable = _reduce(lambda rows: basis(points[rows]), targets, size, ridge * len(points))
     dictionary = triangle @ cholesky.values.T
-    chosen, weights, squares = _orthogonal(dictionary, reduced, budget, -unreachable, fitting)
+    chosen, weights, squares = _orthogonal(dictionary, reduced, budget, -unreachable, pre_fitting=True)
     if np.any(cholesky.power[chosen] > cholesky.floor):  # these weights are for projections
         own = candidates[chosen]  # which their own basis spans
-        fit = pursue(kernel, points, targets, own, budget=len(own), fitting=fitting, ridge=ridge)
+        fit = pursue(kernel, points, targets, own, budget=len(own), ridge=ridge)
         return replace(fit, chosen=chosen[fit.chosen])
     residuals = np.sqrt(np.array(squares) + unreachable)
     return Pursuit(chosen, Function(kernel, candidates[chosen], weights), residuals)
@@ -100,10 +96,10 @@ def pursue_atoms(
     *,
     budget: int,
     ridge: float = 0.0,
-    fitting: Fitting = "back_fitting",
 ) -> tuple[np.ndarray, Array]:
     """Fit targets by combinations of at most ``budget`` atoms.
 
+    Each selection explains most of the residual; then all weights are fitted again (back-fitting).
     The fit of all targets is ``rows @ atoms[chosen].T @ weights``.
 
     Args:
@@ -113,7 +109,6 @@ def pursue_atoms(
         count: number of candidate vectors.
         budget: maximum number of selections.
         ridge: weight of the fitted vector's squared norm relative to the mean squared residual.
-        fitting: ``back_fitting`` or ``pre_fitting``.
 
     Returns:
         The indices of the selected atoms, shape (c,), and their weights, shape (c, k).
@@ -123,7 +118,7 @@ def pursue_atoms(
     dictionary = np.empty((len(triangle), count))
     for block in blocks_of(count):
         dictionary[:, block] = triangle @ atoms(block).T
-    chosen, weights, _ = _orthogonal(dictionary, reduced, budget, -unreachable, fitting)
+    chosen, weights, _ = _orthogonal(dictionary, reduced, budget, -unreachable, pre_fitting=False)
     return chosen, weights
 
 
@@ -164,12 +159,12 @@ def _reduce(rows: Callable[[slice], Array], targets: Array, m: int, ridge: float
 class _Columns:
     """Columns of a dictionary, with the part of the residual that each explains; processed in cache-sized blocks."""
 
-    def __init__(self, dictionary: Array, target: Array, fitting: Fitting) -> None:
+    def __init__(self, dictionary: Array, target: Array, *, pre_fitting: bool) -> None:
         self._dictionary = dictionary
         self._blocks = list(blocks_of(dictionary.shape[1]))
         self._lengths = np.einsum("ij,ij->j", dictionary, dictionary)
         self._remaining = self._lengths.copy()  # squared distance of each column from the span of the selection
-        self._scale = self._remaining if fitting == "pre_fitting" else self._lengths
+        self._scale = self._remaining if pre_fitting else self._lengths
         self._products = target.T @ dictionary  # with the residual
         self._gains = np.empty(dictionary.shape[1])
 
@@ -198,10 +193,10 @@ class _Columns:
 
 
 def _orthogonal(
-    dictionary: Array, target: Array, budget: int, floor: float, fitting: Fitting
+    dictionary: Array, target: Array, budget: int, floor: float, *, pre_fitting: bool
 ) -> tuple[np.ndarray, Array, list[float]]:
     """Select columns and refit all weights by extending a QR factorisation of the selection."""
-    columns, residual = _Columns(dictionary, target, fitting), target.copy()
+    columns, residual = _Columns(dictionary, target, pre_fitting=pre_fitting), target.copy()
     budget = min(budget, *dictionary.shape)
     frame = np.empty((budget, len(dictionary)))
     triangle = np.zeros((budget, budget))

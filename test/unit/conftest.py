@@ -35,6 +35,11 @@ def kl_between(old: GaussianPolicy, new: GaussianPolicy, x: np.ndarray) -> float
     return mean_kl(old.mean(x), old.variance(x), new, x)
 
 
+def inner(h: Function, g: Function) -> float:
+    r"""Return :math:`\langle h, g \rangle_{H_K} = \mathrm{tr}(\alpha^\top \kappa(c, c') \beta)`."""
+    return float(np.sum(h.weights * (h.kernel(h.centres, g.centres) @ g.weights)))
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)

@@ -10,6 +10,7 @@ from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.regression import ridge_regression
+from test.unit.conftest import inner
 
 
 @given(n=st.integers(1, 30), p=st.integers(1, 8), k=st.integers(1, 3), weighted=st.booleans(), seed=st.integers(0, 999))
@@ -40,7 +41,7 @@ def test_score_features_are_coordinates_of_the_score(
     w = samples.basis.function(coefficients)
     score = policy.score(samples.observations, episodes.flat(episodes.actions))
     expected = [
-        w.inner(Function(policy.mean.kernel, s[None], u[None]))
+        inner(w, Function(policy.mean.kernel, s[None], u[None]))
         for s, u in zip(samples.observations, score, strict=True)
     ]
     np.testing.assert_allclose(samples.score_features @ coefficients.ravel(), expected, atol=1e-6)
