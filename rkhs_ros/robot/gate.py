@@ -22,9 +22,10 @@ from rkhs_ros.robot.gate_state import (
     Rules,
 )
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed
-from rkhs_ros.robot.motion import Setpoint, advance, foreseen, rest_at
+from rkhs_ros.robot.motion import Setpoint, advance, rest_at
 
 SAME = 1e-9  # commands are equal up to this relative difference
+MOST_PERIODS = 1000  # that a report looks ahead, so that it takes milliseconds at most
 
 
 def begin(rules: Rules) -> Gate:
@@ -226,8 +227,8 @@ def _clamp(limits: Limits, value: Array, asked: Array) -> tuple[Array, Flags]:
 
 def _foresee(rules: Rules, motion: Setpoint, goal: Array, interval: float) -> tuple[Array, Flags]:
     """Return the output after an interval (the timeout at most), and which limit keeps it from its goal."""
-    periods = max(round(min(interval, rules.command_timeout) / rules.period), 1)
-    value = foreseen(rules.limits, rules.period, motion, goal, periods)
+    periods = min(max(round(min(interval, rules.command_timeout) / rules.period), 1), MOST_PERIODS)
+    value = advance(rules.limits, rules.period, motion, goal, periods).value
     if (np.abs(value - goal) <= SAME * (1.0 + np.abs(goal))).all():
         return goal, Flags(0)
     is_too_far = bool((np.abs(goal - motion.value) > rules.limits.rate * (periods * rules.period)).any())

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.robot.gate_state import Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
+from rkhs_ros.robot.motion import advance, rest_at
 from test.unit.robot.gate_streams import NASTY, PERIOD, World, play, rules_of
 
 pytestmark = pytest.mark.slow
@@ -41,6 +42,23 @@ def test_no_stream_triggers_the_robots_protective_stop(kind: str, seed: int) -> 
     world = play(random_rules(kind, stream), stream)
     assert not world.protection.trips
     assert all(later - earlier >= PERIOD for earlier, later in zip(world.times, world.times[1:], strict=False))
+
+
+@over_kinds
+@settings(max_examples=STREAMS)
+@given(seed=seeds, periods=st.integers(1, 400), period=st.sampled_from([0.001, 0.01, 0.1]))
+def test_many_periods_at_once_equal_them_one_by_one(kind: str, seed: int, periods: int, period: float) -> None:
+    stream = np.random.default_rng(seed)
+    limits = random_rules(kind, stream).limits
+    bounds = limits.bounds()
+    state = rest_at(stream.uniform(*bounds))
+    for goal in stream.uniform(*bounds, (3, limits.joints)):  # in motion, perhaps away from the goal or too fast for it
+        state = advance(limits, period, state, goal, int(stream.integers(0, 60)))
+    goal = stream.uniform(*bounds)
+    together = advance(limits, period, state, goal, periods)
+    for _ in range(periods):
+        state = advance(limits, period, state, goal)
+    np.testing.assert_allclose(together.value, state.value, rtol=0.0, atol=1e-9)
 
 
 @over_kinds
