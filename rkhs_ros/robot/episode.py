@@ -266,8 +266,8 @@ class RobotEpisode:
         self._clock, self._ticked_at = clock.ticked(now), now
         action = self._task.action.action(self._executed[step])
         transition = (self.observation, action, sensed.observation)
-        reward = self._task.rules.step_reward(*transition, sensed.reward)
-        self._terminated = self._task.rules.is_terminal(*transition)
+        reward = self._task.reward.step(*transition, sensed.reward)
+        self._terminated = self._task.end.is_reached(*transition)
         self._rewards.append(reward)  # last, so that a failing rule leaves no partial step
         self._observations.append(sensed.observation)
         self._stamps.append(sensed.stamp)

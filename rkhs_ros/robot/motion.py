@@ -5,6 +5,7 @@ velocity whose change is limited by the acceleration, and from which the joint c
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,7 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None,
         goal = np.clip(motion.value if goal is None else goal, limits.minimum, limits.maximum)
         arrays = (motion.value, motion.rate, goal, top, limits.acceleration * period, limits.minimum, limits.maximum)
         joints = zip(*(each.tolist() for each in arrays), strict=True)
-        value, rate = np.array([_accelerate(*joint, period, periods) for joint in joints]).T
+        value, rate = np.array([_accelerate(period, periods, joint) for joint in joints]).T
         return Setpoint(value, rate)
     most = periods * np.minimum(limits.rate * period, limits.step)
     change = (np.zeros_like(motion.value) if goal is None else goal) - motion.value
@@ -76,22 +77,13 @@ def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[
     return list(zip((knots * period).tolist(), values, strict=True))
 
 
-def _accelerate(
-    value: float,
-    rate: float,
-    goal: float,
-    top: float,
-    change: float,
-    low: float,
-    high: float,
-    period: float,
-    periods: int,
-) -> tuple[float, float]:
+def _accelerate(period: float, periods: int, joint: Sequence[float]) -> tuple[float, float]:
     """Return the position and the velocity of a joint after some periods.
 
     In each, the velocity changes by at most ``change``, to the one nearest to that from which the joint can come to
     rest before its goal, at most ``top``. As goals lie within the range, the joint can always come to rest within it.
     """
+    value, rate, goal, top, change, low, high = joint
     for _ in range(periods):
         way = goal - value
         if way == rate == 0.0:

@@ -89,171 +89,127 @@ class Reset(Settings):
         require(not needs, "reset.trigger.service", "the name of a service", "none")
 
 
-@dataclass(frozen=True)
-class HomingPath:
-    """A smooth path between two positions, at rest at both ends.
+class ResetError(Exception):
+    """A reset failed; the message is one line."""
 
-    Attributes:
-        begin: start time, monotonic, seconds.
+
+def path_home(home: Home, start: Array, elapsed: float) -> tuple[Joints, bool]:
+    """Return the desired state on a smooth path home, at rest at both ends, and whether the path has ended.
+
+    The path is cubic in time, and no joint exceeds its speed limit.
+
+    Args:
+        home: the settings of the motion.
         start: start position, shape (n,).
-        end: end position, shape (n,).
-        seconds: duration.
+        elapsed: seconds since the start.
     """
-
-    begin: float
-    start: Array
-    end: Array
-    seconds: float
-
-    @classmethod
-    def home(cls, home: Home, start: Array, now: float) -> HomingPath:
-        """Return the path home, on which no joint exceeds its speed limit."""
-        end = np.broadcast_to(home.position, start.shape)
-        seconds = PEAK * float((np.abs(end - start) / np.array(home.speed)).max())
-        return cls(now, start, end, max(seconds, 1e-9))
-
-    def at(self, now: float) -> Joints:
-        """Return the desired positions and velocities, from a cubic in time."""
-        done = min(max((now - self.begin) / self.seconds, 0.0), 1.0)
-        share, rate = done * done * (3 - 2 * done), 6 * done * (1 - done) / self.seconds
-        return Joints(self.start + share * (self.end - self.start), rate * (self.end - self.start))
-
-
-def homing_command(home: Home, kind: str, wanted: Joints, found: Joints) -> Array:
-    """Return the command that follows the path: the desired position, or feedback on the measured state."""
-    off = np.array(home.stiffness) * (wanted.position - found.position)
-    match kind:
-        case "position":
-            return wanted.position
-        case "velocity":
-            return wanted.velocity + off
-        case _:
-            return off + np.array(home.damping) * (wanted.velocity - found.velocity)
-
-
-class Move(NamedTuple):
-    """Send a command to the robot."""
-
-    command: Array
-
-
-class CallService(NamedTuple):
-    """Call a service, once."""
-
-    service: str
-
-
-class Wait(NamedTuple):
-    """Wait; if ``text`` is not empty, it tells the operator what to do meanwhile."""
-
-    text: str = ""
-
-
-class Done(NamedTuple):
-    """The reset succeeded."""
-
-
-class Failed(NamedTuple):
-    """The reset failed; the reason says why."""
-
-    reason: str
-
-
-Outcome = Move | CallService | Wait | Done | Failed
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Response of a service."""
-
-    success: bool
-    message: str
+    way = np.broadcast_to(home.position, start.shape) - start
+    seconds = max(PEAK * float((np.abs(way) / np.array(home.speed)).max()), 1e-9)
+    done = min(elapsed / seconds, 1.0)
+    share, rate = done * done * (3 - 2 * done), 6 * done * (1 - done) / seconds
+    return Joints(start + share * way, rate * way), done == 1.0
 
 
 class ResetProcess:
     """One running reset.
 
-    Owns the current step and its state. Owns no clock.
+    Owns the remaining steps, and the progress of the current one.
 
     Args:
-        reset: its settings.
-        kind: of the robot's commands.
-        confirmation: command line with which the operator confirms that the scene is ready.
-        now: monotonic time, seconds.
+        reset: the steps and their settings.
+        kind: quantity that a command sets.
+        confirmation: commands with which the operator confirms that the scene is ready.
+        now: monotonic time of the start, seconds.
+        call: calls the service of the step ``trigger``.
 
     Attributes:
-        answer: response of the called service; None until it arrives.
+        answer: success and message of the service; None until they arrive.
         is_confirmed: whether the operator has confirmed that the scene is ready since being asked.
     """
 
-    def __init__(self, reset: Reset, kind: str, confirmation: str, now: float) -> None:
-        self.answer: Answer | None = None
+    def __init__(self, reset: Reset, kind: str, confirmation: str, now: float, call: Callable[[], None]) -> None:
+        self.answer: tuple[bool, str] | None = None
         self.is_confirmed = False
         self._reset = reset
         self._kind = kind
         self._confirmation = confirmation
+        self._call = call
         self._left = list(reset.steps)
         self._since = now
-        self._way: HomingPath | None = None
+        self._start: tuple[float, Array] | None = None  # of the path home: monotonic time and position
         self._still_since: float | None = None
         self._asked = False
 
-    def proceed(self, now: float, sense: Callable[[], Joints]) -> Outcome:
-        """Return the next thing to do.
+    def proceed(self, now: float, sense: Callable[[], Joints]) -> Array | str | None:
+        """Return the next command, or what the operator has to do meanwhile ("" for nothing), or None at the end.
 
         Args:
             now: monotonic time, seconds.
             sense: reads the state of the joints, if a step needs it; may raise SensingError.
+
+        Raises:
+            ResetError: a step failed.
         """
         while self._left:
             outcome = self._step(self._left[0], now, sense)
-            if not isinstance(outcome, Done):
+            if outcome is not None:
                 return outcome
             self._left.pop(0)
             self._since, self._asked, self.answer, self.is_confirmed = now, False, None, False
-        return Done()
+        return None
 
-    def _step(self, name: str, now: float, sense: Callable[[], Joints]) -> Outcome:
+    def _step(self, name: str, now: float, sense: Callable[[], Joints]) -> Array | str | None:
         match name:
             case "home":
                 try:
                     return self._home(now, sense())
                 except SensingError as error:
-                    return Failed(f"home: {error}")
+                    raise ResetError(f"home: {error}") from error
             case "trigger":
                 return self._trigger(now)
             case _:
                 return self._person()
 
-    def _home(self, now: float, found: Joints) -> Outcome:
+    def _home(self, now: float, found: Joints) -> Array | None:
         home = self._reset.home
-        if self._way is None:
-            self._way = HomingPath.home(home, found.position, now)
-        off = np.abs(found.position - self._way.end)
-        there = now >= self._way.begin + self._way.seconds and bool((off <= home.tolerance).all())
-        still = there and bool((np.abs(found.velocity) <= home.rest).all())
+        self._start = self._start or (now, found.position)
+        wanted, there = path_home(home, self._start[1], now - self._start[0])
+        off = np.abs(found.position - home.position)
+        still = there and bool((off <= home.tolerance).all() and (np.abs(found.velocity) <= home.rest).all())
         self._still_since = (now if self._still_since is None else self._still_since) if still else None
         if self._still_since is not None and now - self._still_since >= home.settle:
-            return Done()
+            return None
         if now - self._since > home.timeout:
             worst = int(off.argmax())
             error = f"{home.joints[worst]} is {off[worst]:.3g} from home"
-            return Failed(f"home: not settled within {home.timeout:g} s; {error}")
-        return Move(homing_command(home, self._kind, self._way.at(now), found))
+            raise ResetError(f"home: not settled within {home.timeout:g} s; {error}")
+        pull = np.array(home.stiffness) * (wanted.position - found.position)
+        match self._kind:
+            case "position":
+                return wanted.position
+            case "velocity":
+                return wanted.velocity + pull
+            case _:
+                return pull + np.array(home.damping) * (wanted.velocity - found.velocity)
 
-    def _trigger(self, now: float) -> Outcome:
+    def _trigger(self, now: float) -> str | None:
         service, timeout = self._reset.trigger.service, self._reset.trigger.timeout
         if self.answer is not None:
-            return Done() if self.answer.success else Failed(f"{service} failed: {self.answer.message}")
+            success, message = self.answer
+            if not success:
+                raise ResetError(f"{service} failed: {message}")
+            return None
         if now - self._since > timeout:
-            return Failed(f"{service} did not answer within {timeout:g} s")
-        asked, self._asked = self._asked, True
-        return Wait() if asked else CallService(service)
+            raise ResetError(f"{service} did not answer within {timeout:g} s")
+        if not self._asked:
+            self._asked = True
+            self._call()
+        return ""
 
-    def _person(self) -> Outcome:
+    def _person(self) -> str | None:
         asked, self._asked = self._asked, True
         if asked and self.is_confirmed:
-            return Done()
+            return None
         if not asked:
             self.is_confirmed = False  # ignore a confirmation from before the question
-        return Wait(f"prepare the scene, then run: {self._confirmation}")
+        return f"prepare the scene, then run: {self._confirmation}"

@@ -108,36 +108,16 @@ class Reward(Settings):
         require(bool(TYPE.fullmatch(self.type)), "reward.type", "PACKAGE/msg/TYPE", repr(self.type))
         parts_of(self.field)
 
-
-@dataclass(frozen=True)
-class End(Settings):
-    """The end of an episode before the horizon."""
-
-    function: str = setting("", f"PACKAGE.MODULE:FUNCTION {CALLED_WITH}, true if the episode ends; empty for none")
-
-
-@dataclass(frozen=True)
-class Rules:
-    """The user's functions of a task.
-
-    Attributes:
-        reward: None if the reward comes from a topic only.
-        end: None if nothing ends an episode before the horizon.
-    """
-
-    reward: Rule | None
-    end: Rule | None
-
-    @classmethod
-    def of(cls, reward: Reward, end: End) -> Rules:
-        """Return the functions named by the settings.
+    @cached_property
+    def rule(self) -> Rule | None:
+        """The function; None if the reward comes from a topic only.
 
         Raises:
-            ValueError: a function cannot be imported.
+            ValueError: it cannot be imported.
         """
-        return cls(_named(reward.function, "reward.function"), _named(end.function, "end.function"))
+        return user_function(self.function, "reward.function") if self.function else None
 
-    def step_reward(self, before: Array, executed: Array, after: Array, from_topic: float) -> float:
+    def step(self, before: Array, executed: Array, after: Array, from_topic: float) -> float:
         """Return the reward of a step.
 
         Args:
@@ -150,24 +130,34 @@ class Rules:
             RunError: the function fails, or does not return a finite number.
         """
         step = before, executed, after
-        reward = from_topic + (_called(self.reward, "reward", float, "a number", *step) if self.reward else 0.0)
+        reward = from_topic + (_called(self.rule, "reward", float, "a number", *step) if self.rule else 0.0)
         if not abs(reward) <= LARGEST:  # nan is not
             raise RunError(f"reward: expected a finite number within {LARGEST:g}, got {reward}")
         return reward
 
-    def is_terminal(self, before: Array, executed: Array, after: Array) -> bool:
+
+@dataclass(frozen=True)
+class End(Settings):
+    """The end of an episode before the horizon."""
+
+    function: str = setting("", f"PACKAGE.MODULE:FUNCTION {CALLED_WITH}, true if the episode ends; empty for none")
+
+    @cached_property
+    def rule(self) -> Rule | None:
+        """The function; None if nothing ends an episode before the horizon.
+
+        Raises:
+            ValueError: it cannot be imported.
+        """
+        return user_function(self.function, "end.function") if self.function else None
+
+    def is_reached(self, before: Array, executed: Array, after: Array) -> bool:
         """Return whether a step ends the episode.
 
         Raises:
             RunError: the function fails, or does not return true or false.
         """
-        step = before, executed, after
-        return _called(self.end, "end", bool, "True or False", *step) if self.end else False
-
-
-def _named(path: str, what: str) -> Rule | None:
-    """Return the function of that name; None for an empty name."""
-    return user_function(path, what) if path else None
+        return _called(self.rule, "end", bool, "True or False", before, executed, after) if self.rule else False
 
 
 def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, *arrays: Array) -> T:
@@ -192,7 +182,6 @@ class RobotTask(Settings):
 
     Attributes:
         sensors: the sensors whose values are observed.
-        rules: the functions named by the settings.
     """
 
     task: str = setting("robot", "name of the task in policies and recordings")
@@ -221,15 +210,6 @@ class RobotTask(Settings):
     end: End = End()
     reset: Reset = Reset()
     sensors: Sensors = field(default=Sensors({}, 0.1))
-
-    @cached_property
-    def rules(self) -> Rules:
-        """The functions that compute the reward and decide whether the episode ends.
-
-        Raises:
-            ValueError: a function cannot be imported.
-        """
-        return Rules.of(self.reward, self.end)
 
     @property
     def spaces(self) -> Spaces:
@@ -268,7 +248,7 @@ def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
             ", ".join(joints),
         )
     task = replace(task, sensors=Sensors(by_name, task.stale_after))
-    _ = task.rules  # raises if a function cannot be imported
+    _ = task.reward.rule, task.end.rule  # raise if a function cannot be imported
     return task
 
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 
+import numpy as np
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Action, Observation
@@ -16,7 +17,7 @@ from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
-from rkhs_ros.robot.reset import Answer, CallService, Failed, Joints, Move, ResetProcess, Wait
+from rkhs_ros.robot.reset import Joints, ResetError, ResetProcess
 from rkhs_ros.robot.sensors import SensingError, field_values, fresh
 from rkhs_ros.robot.task import RobotTask
 
@@ -145,7 +146,8 @@ class EpisodeDriver:
             self._began_at = now
         elif self._is_sensing(now) and self._is_served(now):
             self.waiting = ""
-            self._reset = ResetProcess(self._task.reset, self._task.action.kind, self.call("start"), now)
+            start = self.call("start")
+            self._reset = ResetProcess(self._task.reset, self._task.action.kind, start, now, self._call_service)
         return self._clock.due
 
     def call(self, service: str) -> str:
@@ -186,27 +188,27 @@ class EpisodeDriver:
         return False
 
     def _continue_reset(self, reset: ResetProcess, episode: RobotEpisode, now: float) -> None:
-        outcome = reset.proceed(now, self._sense_joints)
-        if isinstance(outcome, Move):
-            self._sent = (self._gate.send(outcome.command, time.time_ns()), -1)
+        try:
+            outcome = reset.proceed(now, self._sense_joints)
+        except ResetError as error:
+            self.discard(str(error))
+            return
+        if isinstance(outcome, np.ndarray):
+            self._sent = (self._gate.send(outcome, time.time_ns()), -1)
             return
         if self._sent[0] == self._gate.number:  # the last command was a motion of the reset
             self._gate.hold()
-        self.waiting = outcome.text if isinstance(outcome, Wait) else ""
-        match outcome:
-            case CallService():
-                self._ask_service(reset)
-            case Failed(reason):
-                self.discard(reason)
-            case Wait():
-                pass
-            case _:
-                self._show_first(episode)
+        self.waiting = outcome or ""
+        if outcome is None:
+            self._show_first(episode)
 
-    def _ask_service(self, reset: ResetProcess) -> None:
+    def _call_service(self) -> None:
+        reset = self._reset
+
         def answered(future: object) -> None:
             answer = future.result()  # type: ignore[attr-defined]  # rclpy's futures have no types
-            reset.answer = Answer(answer.success, answer.message)
+            if reset is not None:
+                reset.answer = (answer.success, answer.message)
 
         self._service.call_async(Trigger.Request()).add_done_callback(answered)
 

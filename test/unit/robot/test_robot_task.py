@@ -20,7 +20,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import spaces_fields, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy, save_policy
-from rkhs_ros.robot.task import Commands, End, Reward, Rules, robot_task_from
+from rkhs_ros.robot.task import Commands, End, Reward, robot_task_from
 
 HERE = "test.unit.robot.test_robot_task"
 SECTION: dict[str, Any] = {
@@ -122,10 +122,10 @@ def test_commands_stay_within_the_mapped_bounds(action: list[float], scale: list
 
 
 def test_the_reward_is_the_sum_of_function_and_topic() -> None:
-    rules = Rules.of(Reward(function=f"{HERE}:squares"), End())
+    reward = Reward(function=f"{HERE}:squares")
     ones = np.ones(2)
-    assert rules.step_reward(ones, ones, ones, 10.0) == 16.0
-    assert not rules.is_terminal(ones, ones, ones)
+    assert reward.step(ones, ones, ones, 10.0) == 16.0
+    assert not End().is_reached(ones, ones, ones)
 
 
 @pytest.mark.parametrize(
@@ -133,9 +133,9 @@ def test_the_reward_is_the_sum_of_function_and_topic() -> None:
     [("broken", "ZeroDivisionError: by nothing"), ("spoilt", "finite"), ("beyond", "expected a number, got 1000")],
 )
 def test_a_failing_reward_is_reported_and_cannot_edit_our_arrays(name: str, message: str) -> None:
-    rules, ones = Rules.of(Reward(function=f"{HERE}:{name}"), End()), np.ones(2)
+    reward, ones = Reward(function=f"{HERE}:{name}"), np.ones(2)
     with pytest.raises(RunError, match=message):
-        rules.step_reward(ones, ones, ones, 0.0)
+        reward.step(ones, ones, ones, 0.0)
     np.testing.assert_array_equal(ones, 1.0)
 
 
@@ -143,19 +143,19 @@ def test_a_failing_reward_is_reported_and_cannot_edit_our_arrays(name: str, mess
     ("name", "message"), [("several", "expected True or False, got array"), ("leaves", "end function: SystemExit: 0")]
 )
 def test_an_end_that_is_not_a_boolean_is_reported(name: str, message: str) -> None:
-    rules, ones = Rules.of(Reward(topic="score"), End(function=f"{HERE}:{name}")), np.ones(2)
+    end, ones = End(f"{HERE}:{name}"), np.ones(2)
     with pytest.raises(RunError, match=message):
-        rules.is_terminal(ones, ones, ones)
+        end.is_reached(ones, ones, ones)
 
 
 def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rkhs_ros.robot.task.ANSWER_TIMEOUT_S", 0.05)
-    rules, ones, alarms = Rules.of(Reward(function=f"{HERE}:hangs"), End()), np.ones(2), []
+    reward, ones, alarms = Reward(function=f"{HERE}:hangs"), np.ones(2), []
     handler = signal.signal(signal.SIGALRM, lambda number, frame: alarms.append(number))
     left, _ = signal.setitimer(signal.ITIMER_REAL, 2.0)
     try:
         with pytest.raises(RunError, match=r"reward function: did not return within 0\.05 s"):
-            rules.step_reward(ones, ones, ones, 0.0)
+            reward.step(ones, ones, ones, 0.0)
         assert not alarms
         while not alarms:
             time.sleep(0.01)
@@ -165,15 +165,15 @@ def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(monkeypatch:
 
 
 def test_an_interrupt_raised_by_a_function_is_its_error() -> None:
-    rules, ones = Rules.of(Reward(function=f"{HERE}:interrupts"), End()), np.ones(2)
+    reward, ones = Reward(function=f"{HERE}:interrupts"), np.ones(2)
     handler = signal.signal(signal.SIGINT, lambda number, frame: None)  # as of a node
     try:
         with pytest.raises(RunError, match="reward function: KeyboardInterrupt"):
-            rules.step_reward(ones, ones, ones, 0.0)
+            reward.step(ones, ones, ones, 0.0)
     finally:
         signal.signal(signal.SIGINT, handler)
     with pytest.raises(KeyboardInterrupt):
-        rules.step_reward(ones, ones, ones, 0.0)
+        reward.step(ones, ones, ones, 0.0)
 
 
 @pytest.mark.parametrize("names", [((), ()), (("angle (rad)", "speed (rad/s)"), ("torque (N m)",))])
