@@ -21,8 +21,7 @@ from rkhs_ros.app.robots import check_robot
 from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.core.names import node_names
-from rkhs_ros.nodes.core.transport import by_udp
+from rkhs_ros.nodes.core.transport import by_udp, node_names
 from rkhs_ros.nodes.lockstep.learner_node import LearnerNode
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch

@@ -6,7 +6,6 @@ starts as well, and the robot node arms the gate.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.launching import DEFAULTS, OF_ALL_NODES, nodes_of_run
-from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 
 ABOUT = {
@@ -51,9 +49,8 @@ def nodes(context: LaunchContext) -> list[Action]:
     """Return the nodes for the arguments of the launch file.
 
     Raises:
-        ValueError: an argument is unknown or invalid, or a section of the configuration is.
+        ValueError: an argument is invalid, or a section of the configuration is.
     """
-    require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
     for name in ("resume", "simulated"):
         require(given[name] in ("true", "false"), name, "true or false", given[name])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
@@ -14,7 +13,6 @@ from launch_ros.substitutions import FindPackageShare
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.launching import DEFAULTS, OF_ALL_NODES, nodes_of_run
-from rkhs_ros.nodes.core.names import require_known_arguments
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import new_folder
 
@@ -45,9 +43,8 @@ def nodes(context: LaunchContext) -> list[Action]:
     """Return the nodes for the arguments of the launch file.
 
     Raises:
-        ValueError: an argument is unknown or invalid, or the configuration is.
+        ValueError: an argument is invalid, or the configuration is.
     """
-    require_known_arguments(sys.argv, Path(__file__).name, ABOUT)
     given = {name: LaunchConfiguration(name).perform(context) for name in ABOUT}
     require(given["resume"] in ("true", "false"), "resume", "true or false", given["resume"])
     config = load_config(Path(given["config"]))

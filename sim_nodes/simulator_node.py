@@ -70,7 +70,7 @@ class SimulatorNode(ReportingNode):
         self._published_at = 0.0  # monotonic time, seconds
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
-        self.diagnostics = Diagnostics(self, self._report, ["action"])
+        self.diagnostics = Diagnostics(self, self._report)
         self.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)

@@ -15,7 +15,7 @@ from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMA
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import python, terminate_with_parent
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, ROBOT, dumped, require_ros_value
-from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.nodes.core.transport import node_names
 from rkhs_ros.runs.config import Config
 
 TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed

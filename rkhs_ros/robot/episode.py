@@ -46,34 +46,6 @@ class ElasticClock:
         return now - self.due > SLACK * self.period
 
 
-@dataclass(frozen=True)
-class StepTiming:
-    """Durations of the steps of a robot.
-
-    Attributes:
-        steps: number of steps.
-        seconds: total duration.
-        worst: duration of the longest step, seconds.
-    """
-
-    steps: int = 0
-    seconds: float = 0.0
-    worst: float = 0.0
-
-    def with_step(self, seconds: float) -> StepTiming:
-        """Return the timing with one more step."""
-        return StepTiming(self.steps + 1, self.seconds + seconds, max(self.worst, seconds))
-
-    def __add__(self, other: StepTiming) -> StepTiming:
-        """Return the timing of the steps of both."""
-        return StepTiming(self.steps + other.steps, self.seconds + other.seconds, max(self.worst, other.worst))
-
-    @property
-    def mean(self) -> float:
-        """Mean duration of a step, seconds; 0 before the first one."""
-        return self.seconds / self.steps if self.steps else 0.0
-
-
 class Reading(NamedTuple):
     """One reading of the sensors.
 
@@ -86,15 +58,6 @@ class Reading(NamedTuple):
     observation: Array
     reward: float
     stamp: int
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedEpisode:
-    """An episode that has ended, whether it was completed or discarded."""
-
-    batch: Batch
-    episodes: Episodes
-    execution: Execution
 
 
 class RobotEpisode:
@@ -111,6 +74,15 @@ class RobotEpisode:
         batch: the episode's batch, of one environment.
         task: the robot's task.
         stamp: start of the episode, nanoseconds since 1970.
+
+    Attributes:
+        step: number of finished steps.
+        discard_reason: why the episode is discarded; empty if it is not.
+        misses: number of actions that missed their deadline.
+        terminated: whether the task terminated the episode.
+        observations: each of shape (d,).
+        stamps: times of the observations, nanoseconds since 1970.
+        rewards: of the finished steps.
     """
 
     def __init__(self, batch: Batch, task: RobotTask, stamp: int) -> None:
@@ -119,17 +91,16 @@ class RobotEpisode:
         self.step = 0
         self.discard_reason = ""
         self.misses = 0
-        self.timing = StepTiming()
+        self.terminated = False
+        self.observations: list[Array] = []
+        self.stamps = [stamp]
+        self.rewards: list[float] = []
         self._task = task
-        self._observations: list[Array] = []
-        self._stamps = [stamp]
         self._drawn: list[Array | None] = [None] * horizon
         self._sent: list[Array | None] = [None] * horizon
         self._reported: list[Array | None] = [None] * horizon
         self._executed = np.zeros((horizon, actions))
         self._flags = np.zeros(horizon, dtype=np.uint32)
-        self._rewards: list[float] = []
-        self._terminated = False
         self._clock: ElasticClock | None = None
         self._ticked_at = 0.0
         self._unreported = 0
@@ -142,12 +113,7 @@ class RobotEpisode:
     @property
     def complete(self) -> bool:
         """Whether no further step follows; late actions may still arrive and are recorded."""
-        return self._terminated or self.step == self.batch.horizon
-
-    @property
-    def terminated(self) -> bool:
-        """Whether the task terminated the episode."""
-        return self._terminated
+        return self.terminated or self.step == self.batch.horizon
 
     @property
     def _missing(self) -> int | None:
@@ -168,29 +134,14 @@ class RobotEpisode:
             return self._ticked_at + LAST_ACTIONS_TIMEOUT_S
         return self._clock.due if self._answered else min(self._deadline, self._clock.due)
 
-    @property
-    def observation(self) -> Array:
-        """The newest observation, shape (d,)."""
-        return self._observations[-1]
-
-    @property
-    def stamp(self) -> int:
-        """Time of the newest observation, nanoseconds since 1970."""
-        return self._stamps[-1]
-
-    @property
-    def reward(self) -> float | None:
-        """The newest reward; None before the first one."""
-        return self._rewards[-1] if self._rewards else None
-
     def begin(self, sensed: Reading) -> None:
         """Store the first observation."""
-        self._observations.append(sensed.observation)
-        self._stamps[0] = sensed.stamp
+        self.observations.append(sensed.observation)
+        self.stamps[0] = sensed.stamp
 
     def act(self, step: int, action: Array, now: float) -> Array | None:
         """Store the action of a step; return the command to send, or None if the action is late or repeated."""
-        if self.over or not self._observations or step > self.step or self._drawn[step] is not None:
+        if self.over or not self.observations or step > self.step or self._drawn[step] is not None:
             return None
         self._drawn[step] = action
         if self._clock is None:
@@ -262,15 +213,14 @@ class RobotEpisode:
         self._settle(step)
         late = clock.is_late(now)
         self._flags[step] |= LATE * late
-        self.timing = self.timing.with_step(now - self._ticked_at)
         self._clock, self._ticked_at = clock.ticked(now), now
         action = self._task.action.action(self._executed[step])
-        transition = (self.observation, action, sensed.observation)
+        transition = (self.observations[-1], action, sensed.observation)
         reward = self._task.reward.step(*transition, sensed.reward)
-        self._terminated = self._task.end.is_reached(*transition)
-        self._rewards.append(reward)  # last, so that a failing rule leaves no partial step
-        self._observations.append(sensed.observation)
-        self._stamps.append(sensed.stamp)
+        self.terminated = self._task.end.is_reached(*transition)
+        self.rewards.append(reward)  # last, so that a failing rule leaves no partial step
+        self.observations.append(sensed.observation)
+        self.stamps.append(sensed.stamp)
         self.step += 1
         if self._unreported > self._task.misses_allowed:
             self.discard_reason = f"the gate did not report {self._unreported} commands"
@@ -284,24 +234,22 @@ class RobotEpisode:
         executed = reported if reported is not None else sent
         self._executed[step] = self._executed[step - 1] if executed is None else executed
 
-    def ended(self) -> FinishedEpisode:
-        """Return the episode with its steps so far.
-
-        In a discarded episode, actions that did not arrive are 0.
-        """
-        steps, horizon = len(self._rewards), self.batch.horizon
+    def ended(self) -> tuple[Episodes, Execution]:
+        """Return the steps so far and how they were executed; in a discarded episode, missing actions are 0."""
+        steps, horizon = len(self.rewards), self.batch.horizon
         observations = np.zeros((1, horizon, self._task.sensors.dimension))
         actions = np.zeros((1, horizon, self._task.action.dimension))
+        rewards = np.zeros((1, horizon))
+        rewards[0, :steps] = self.rewards
         for step in range(steps):
-            observations[0, step] = self._observations[step]
+            observations[0, step] = self.observations[step]
             drawn = self._drawn[step]
             actions[0, step] = 0.0 if drawn is None else drawn
-        rewards = np.zeros((1, horizon))
-        rewards[0, :steps] = self._rewards
-        final = self._observations[-1] if self._observations else np.zeros(self._task.sensors.dimension)
-        terminated = np.array([self._terminated and not self.discard_reason])
+        final = self.observations[-1] if self.observations else np.zeros(self._task.sensors.dimension)
+        terminated = np.array([self.terminated and not self.discard_reason])
         mask = np.arange(horizon)[None] < steps
-        episodes = Episodes(observations, actions, rewards, mask, final[None], terminated)
-        stamps = np.array(self._stamps, dtype=np.int64)
-        execution = Execution(stamps, self._executed[:steps], self._flags[:steps], self.discard_reason)
-        return FinishedEpisode(self.batch, episodes, execution)
+        stamps = np.array(self.stamps, dtype=np.int64)
+        return (
+            Episodes(observations, actions, rewards, mask, final[None], terminated),
+            Execution(stamps, self._executed[:steps], self._flags[:steps], self.discard_reason),
+        )

@@ -13,7 +13,7 @@ from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, now_by_both_clocks
 from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
-from rkhs_ros.nodes.core.publishers import SinglePublishers
+from rkhs_ros.nodes.core.publishers import rivals
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.hardware import Hardware, Sample
@@ -53,7 +53,6 @@ class SimulatedRobotNode(ReportingNode):
         self._crowded = ""
         self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
-        self._commanders = SinglePublishers(self, self._topics.command_topics)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, self._report)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
@@ -95,7 +94,7 @@ class SimulatedRobotNode(ReportingNode):
         now = time.monotonic()
         if now < self._report_at and self._published == (protection.violations, protection.reason):
             return
-        before, self._crowded = self._crowded, self._commanders.crowded()
+        before, self._crowded = self._crowded, rivals(self, self._topics.command_topics)
         if self._crowded and not before:
             self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
         self._publish_report()

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Observation
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.core.messages import set_policy_request
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.messages import policy_of
+from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
@@ -56,6 +56,10 @@ def observation(step: int, batch: int = 1, version: int = 1, seen: np.ndarray = 
         observations=array("d", seen.tobytes()),
         rewards=array("d", [0.0, 0.0] if step else []),
     )
+
+
+def set_policy_request(served: GaussianPolicy, version: int) -> SetPolicy.Request:
+    return SetPolicy.Request(policy=policy_message(msg, served, version))
 
 
 def answer(probe: Probe, message: Observation) -> tuple[int, np.ndarray]:

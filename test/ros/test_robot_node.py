@@ -229,7 +229,7 @@ def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., P
         pytest.param(
             set(),
             {"reset": {"steps": ["trigger"], "trigger": {"service": "put_back"}}},
-            "reset.trigger: expected a service /put_back, got none for 5 s",
+            "reset.trigger: expected a service /put_back, got none, for 5 s",
             id="a service of the reset that is not there",
         ),
     ],

@@ -2,7 +2,7 @@
 
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,8 +10,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-
-from rkhs_ros.nodes.core.publishers import SinglePublishers
 
 TOPIC = "/diagnostics"
 DIAGNOSTICS_QOS = QoSProfile(depth=10)  # reliable and volatile, like all publishers of this topic
@@ -23,15 +21,14 @@ LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error
 class Diagnostics:
     """A node's status reports, once a second.
 
-    Owns the numbers of refused and ignored messages and of steps, why the node is stuck or has stopped the robot,
-    what the operator has to do, and which subscribed topics have more than one publisher.
+    Owns the numbers of refused and ignored messages and of steps, why the node is stuck or has stopped the robot, and
+    what the operator has to do.
 
     Args:
         report: returns further values to report.
-        topics: subscribed topics that should have a single publisher.
     """
 
-    def __init__(self, node: Node, report: Callable[[], Mapping[str, object]], topics: Iterable[str] = ()) -> None:
+    def __init__(self, node: Node, report: Callable[[], Mapping[str, object]]) -> None:
         self.refusals = 0
         self.ignored = 0
         self.last_refusal = ""
@@ -39,8 +36,6 @@ class Diagnostics:
         self.stuck = ""  # why the node is stuck; empty if it is not
         self.stopped = ""  # why the node has stopped the robot; empty if it has not
         self.waiting = ""  # what the operator has to do; empty if nothing
-        self.crowded = ""  # topics with more than one publisher, with the publishers
-        self._publishers = SinglePublishers(node, topics)
         self._node = node
         self._report = report
         self._host = socket.gethostname()
@@ -73,7 +68,6 @@ class Diagnostics:
         """Report once a second; return the seconds until the next report."""
         now = time.monotonic()
         if now >= self._due:
-            self._check_publishers()
             self._publish(*self._state())
             self._due = now + REPORT_PERIOD_S
         return self._due - now
@@ -88,11 +82,6 @@ class Diagnostics:
             self._reports.wait_for_all_acked(Duration(seconds=LAST_REPORT_TIMEOUT_S))
             raise
 
-    def _check_publishers(self) -> None:
-        before, self.crowded = self.crowded, self._publishers.crowded()
-        if self.crowded and self.crowded != before:
-            self._node.get_logger().warning(f"expected one publisher, got {self.crowded}; set ROS_DOMAIN_ID")
-
     def _state(self) -> tuple[bytes, str]:
         refused, self._refusals_reported = self.refusals > self._refusals_reported, self.refusals
         if self.stuck:
@@ -101,8 +90,6 @@ class Diagnostics:
             return DiagnosticStatus.ERROR, f"stopped: {self.stopped}"
         if self.waiting:
             return DiagnosticStatus.WARN, f"waiting: {self.waiting}"
-        if self.crowded:
-            return DiagnosticStatus.WARN, f"more than one publisher: {self.crowded}"
         return (DiagnosticStatus.WARN, "refused a message") if refused else (DiagnosticStatus.OK, "ok")
 
     def _publish(self, level: bytes, text: str) -> None:

@@ -12,7 +12,7 @@ from launch.launch_context import LaunchContext  # not from launch, which mypy t
 from launch_ros.actions import Node
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.nodes.core.transport import node_names
 
 OnExit = Callable[[ProcessExited, LaunchContext], list[Action]]
 OF_ALL_NODES = {  # arguments of every launch file

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from array import array
-from collections.abc import Sequence
 from dataclasses import fields
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -13,18 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 
 import rkhs_interfaces.msg as msg
-from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
-from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.messages import MOST_INPUTS, doubles, policy_message, spaces_fields, viewed
+from rkhs_interfaces.srv import DescribeTask, StartEpisodes
+from rkhs_ros.policies.messages import MOST_INPUTS, doubles, spaces_fields, viewed
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
 if TYPE_CHECKING:  # a policy node needs no simulation
-    from rkhs_ros.robot.episode import RobotEpisode
-    from rkhs_ros.robot.task import RobotTask
     from rkhs_ros.rollouts.simulation import Frame, Simulation
 
 # Reliable. Volatile, because storing messages for late subscribers doubles the time of a round trip; nodes refuse to
@@ -54,24 +49,6 @@ def show(message: msg.Observation, step: int, frame: Frame) -> None:
 def _indices_of(flags: ArrayLike) -> array[int]:
     """Return the indices of the environments whose flag is set."""
     return array("I", np.flatnonzero(flags).tolist())
-
-
-def robot_observation_message(
-    identity: int, version: int, batch: Batch, episode: RobotEpisode, step: int
-) -> msg.Observation:
-    """Return the robot's message after ``step`` steps of an episode."""
-    return msg.Observation(
-        stamp=Time(nanoseconds=episode.stamp).to_msg(),
-        batch=identity,
-        policy_version=version,
-        step=step,
-        over=episode.complete,
-        **vars(batch),
-        observations=doubles(episode.observation),
-        rewards=[] if episode.reward is None else [episode.reward],
-        terminated=_indices_of([episode.complete and episode.terminated]),
-        truncated=_indices_of([episode.complete and not episode.terminated]),
-    )
 
 
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
@@ -108,26 +85,6 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
     )
 
 
-def start_request(
-    identity: int, version: int, batch: Batch, task: DescribeTask.Response, seeds: Sequence[int], timeout: float
-) -> StartEpisodes.Request:
-    """Return the request to start a batch of a task."""
-    return StartEpisodes.Request(
-        batch=identity,
-        policy_version=version,
-        environment=task.environment,
-        options=task.options,
-        environment_seeds=seeds,
-        timeout=timeout,
-        **vars(batch),
-    )
-
-
-def set_policy_request(policy: GaussianPolicy, version: int) -> SetPolicy.Request:
-    """Return the request to serve a policy."""
-    return SetPolicy.Request(policy=policy_message(msg, policy, version))
-
-
 def describe(simulation: Simulation, num_envs: int) -> DescribeTask.Response:
     """Return a simulation's task, and how many of ``num_envs`` environments it can run in one batch."""
     space = simulation.observation_space
@@ -141,20 +98,6 @@ def describe(simulation: Simulation, num_envs: int) -> DescribeTask.Response:
         horizon=simulation.time_limit or 0,
         capacity=simulation.capacity(num_envs),
         num_envs=simulation.num_envs,
-    )
-
-
-def describe_robot(task: RobotTask, waiting: str) -> DescribeTask.Response:
-    """Return a robot's task, and what its operator has to do."""
-    return DescribeTask.Response(
-        environment=task.task,
-        options="{}",
-        **spaces_fields(task.spaces),
-        capacity=1,
-        num_envs=1,
-        period=task.period,
-        learner_timeout=task.learner_timeout,
-        waiting=waiting,
     )
 
 

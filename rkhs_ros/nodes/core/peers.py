@@ -1,5 +1,6 @@
 """Calls to other nodes, which may be slow or dead."""
 
+import secrets
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -16,6 +17,11 @@ CONNECTION_S = 5.0  # for the topics between nodes that have just started to con
 LOGGED_AFTER_S = 3.0  # of waiting for a node
 REPEAT_S = 1.0  # without an answer to a repeatable request
 CHECK_S = 0.5  # between checks whether a call takes too long
+
+
+def fresh_number() -> int:
+    """Return a random identifier of a batch or a policy, unique among all clients; no result depends on it."""
+    return 1 + secrets.randbelow(2**63 - 1)
 
 
 def _interrupts_held() -> AbstractContextManager[None]:

@@ -1,23 +1,17 @@
-"""The publishers and subscribers of topics: a second publisher on a topic of the lockstep, and sources of sensors."""
+"""The publishers and subscribers of topics, and sources of sensor messages."""
 
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable
 
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from rkhs_ros.nodes.core.names import NODES
-
-DIFFERENT_STAND_S = 0.5  # before two nodes count as publishers: a new node may not have its name yet
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node whose name is not known yet
-SAME_STAND_S = 30.0  # the same for two nodes of one name: a killed node stays in the graph for some seconds
-
-
-def publishers(node: Node, topic: str) -> Counter[str]:
-    """Return the number of publishers per node on a topic, by full names; names of other projects are marked."""
-    infos = node.get_publishers_info_by_topic(topic)
-    return Counter(_shown(full_name(info)) for info in infos)
+MESSAGES = 50  # over which the rate of a source is averaged
+SILENT_S = 1.0  # least time without a message after which a source is silent
+OBSTACLE = "robot/obstacle"  # topic on which the robot node reports unusable sensors to the gate
+PREFIX = "source "  # of the diagnostics keys of sources
 
 
 def full_name(info: TopicEndpointInfo) -> str:
@@ -27,8 +21,14 @@ def full_name(info: TopicEndpointInfo) -> str:
 
 def listed(node: Node, topic: str) -> str:
     """Return a topic and the nodes that publish on it, as text."""
-    names = publishers(node, topic).elements()
-    return f"{node.resolve_topic_name(topic)}: {', '.join(sorted(names)) or 'no publishers'}"
+    names = sorted(map(full_name, node.get_publishers_info_by_topic(topic)))
+    return f"{node.resolve_topic_name(topic)}: {', '.join(names) or 'no publishers'}"
+
+
+def rivals(node: Node, topics: Iterable[str]) -> str:
+    """Return the topics on which nodes of different names publish, with the nodes, as far as known; empty if none."""
+    names = {t: {full_name(i) for i in node.get_publishers_info_by_topic(t) if i.node_name != UNKNOWN} for t in topics}
+    return "; ".join(listed(node, topic) for topic in names if len(names[topic]) > 1)
 
 
 def is_answered(node: Node, topic: str, answers: str) -> bool:
@@ -38,40 +38,6 @@ def is_answered(node: Node, topic: str, answers: str) -> bool:
     """
     subscribers = {full_name(info) for info in node.get_subscriptions_info_by_topic(topic) if info.node_name != UNKNOWN}
     return not subscribers.isdisjoint(full_name(info) for info in node.get_publishers_info_by_topic(answers))
-
-
-def _shown(name: str) -> str:
-    return name if name.rpartition("/")[2] in NODES else f"{name} (unknown)"
-
-
-class SinglePublishers:
-    """Checks that topics have a single publisher.
-
-    Owns the time since which each topic has had more than one publisher.
-    """
-
-    def __init__(self, node: Node, topics: Iterable[str]) -> None:
-        self._node = node
-        self._crowded_since: dict[str, float | None] = dict.fromkeys(topics)
-
-    def crowded(self) -> str:
-        """Return the topics with more than one publisher, with the publishers; empty if there are none."""
-        return "; ".join(listed(self._node, topic) for topic in self._crowded_since if self._is_crowded(topic))
-
-    def _is_crowded(self, topic: str) -> bool:
-        found, now = publishers(self._node, topic), time.monotonic()
-        since = self._crowded_since[topic] if found.total() > 1 else None
-        if found.total() > 1 and since is None:
-            since = now
-        self._crowded_since[topic] = since
-        stands = DIFFERENT_STAND_S if len(found) > 1 else SAME_STAND_S
-        return since is not None and now - since > stands
-
-
-MESSAGES = 50  # over which the rate is averaged
-SILENT_S = 1.0  # least time without a message after which a source is silent
-OBSTACLE = "robot/obstacle"  # topic on which the robot node reports unusable sensors to the gate
-PREFIX = "source "  # of the diagnostics keys of sources
 
 
 class Source:

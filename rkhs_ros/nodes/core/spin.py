@@ -40,7 +40,6 @@ from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.names import in_one_line
 from rkhs_ros.nodes.core.parameters import check_arguments, declare
 from rkhs_ros.nodes.core.transport import by_udp
 
@@ -62,6 +61,11 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 
 class PeerError(RunError):
     """A node does not fit this run, or runs twice; the message names it."""
+
+
+def in_one_line(error: Exception) -> str:
+    """Return the message of an invalid name in one line; ROS adds lines that mark the position."""
+    return " ".join(str(error).rstrip(" ^\n").split())
 
 
 class ReportingNode(Node):

@@ -1,22 +1,28 @@
-"""Transport between the nodes of a run: UDP, because shared memory does not survive a killed node.
+"""Names of the nodes of a run, and the transport between them: UDP, as shared memory does not survive a killed node.
 
 A node that is killed while it holds a lock in shared memory can block its peers, and its memory is never freed. For
 small messages like ours, shared memory is not faster.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from rkhs_ros.base.validation import require
 
+NODES = ("simulator", "simulated_robot", "gate", "robot", "policy", "learner")
 FAST_DDS = "rmw_fastrtps_cpp"  # the default middleware of ROS 2
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 REACH = (RANGE, "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "FASTDDS_BUILTIN_TRANSPORTS")  # set the discovery range
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # older and newer name
 DOMAIN, LAST_DOMAIN = "ROS_DOMAIN_ID", 232  # the ports of the next domain exceed the range of UDP
 LOOPBACK = Path(__file__).with_name("loopback.xml")
+
+
+def node_names(robot: Collection[str] = ()) -> list[str]:
+    """Return the names of all nodes of a run, the learner last; `robot` names those that replace the simulator."""
+    return [*([name for name in NODES if name in robot] or ["simulator"]), "policy", "learner"]
 
 
 def check_domain(environment: Mapping[str, str]) -> None:

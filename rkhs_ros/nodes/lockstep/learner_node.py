@@ -127,7 +127,7 @@ class LearnerNode(ReportingNode):
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
         declare(self, (entry for entry in entries(self.training) if entry.value != ()))
-        self.diagnostics = Diagnostics(self, lambda: self.runner.report(), ["episodes"])
+        self.diagnostics = Diagnostics(self, lambda: self.runner.report())
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
         self.runner = TopicRunner(self, self.peers, self.training.num_envs, kind)

@@ -104,7 +104,7 @@ class PolicyNode(ReportingNode):
         tree = given(self)
         self.served = self._from_file(tree)
         self._simulator = SimulatorTopics(self)
-        self.diagnostics = Diagnostics(self, self._report, ["observation"])
+        self.diagnostics = Diagnostics(self, self._report)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
         source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
         self.get_logger().info(f"ready {source}")

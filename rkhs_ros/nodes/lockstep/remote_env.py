@@ -26,8 +26,7 @@ try:
     from rkhs_interfaces.msg import Action, Observation
     from rkhs_ros.nodes.core.diagnostics import Diagnostics
     from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observations_of
-    from rkhs_ros.nodes.core.names import fresh_number
-    from rkhs_ros.nodes.core.peers import Peers
+    from rkhs_ros.nodes.core.peers import Peers, fresh_number
     from rkhs_ros.nodes.core.spin import ReportingNode
     from rkhs_ros.nodes.core.transport import LAST_DOMAIN, using_udp
     from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
@@ -65,7 +64,7 @@ class RemoteNode(ReportingNode):
             except NameValidationException as error:
                 context.try_shutdown()
                 raise ValueError(f"namespace: expected a ROS namespace, got {truncated(repr(namespace))}") from error
-        self.diagnostics = Diagnostics(self, lambda: {"batch": self.link.request.batch}, ["observation"])
+        self.diagnostics = Diagnostics(self, lambda: {"batch": self.link.request.batch})
         self.peers = Peers(self, timeout)
         self.actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)
         self.create_subscription(Observation, "observation", hear, LOCKSTEP_QOS)  # before the link's clients, see there

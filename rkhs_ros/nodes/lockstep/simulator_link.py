@@ -16,9 +16,8 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.messages import episodes_of, executions_of
-from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, start_request
-from rkhs_ros.nodes.core.names import fresh_number
-from rkhs_ros.nodes.core.peers import Peers
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.peers import Peers, fresh_number
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError
 from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
@@ -112,7 +111,15 @@ class SimulatorLink:
             ValueError: the simulator refuses the batch.
         """
         self.batch, self.finished, self._failure, self._is_vetoable = batch, None, None, False
-        self.request = start_request(fresh_number(), version, batch, self.task, seeds, timeout)
+        self.request = StartEpisodes.Request(
+            batch=fresh_number(),
+            policy_version=version,
+            environment=self.task.environment,
+            options=self.task.options,
+            environment_seeds=seeds,
+            timeout=timeout,
+            **vars(batch),
+        )
         self._peers.call_until_accepted(partial(self._peers.call, self._start, self.request, self.name), self.name)
 
     def release(self) -> None:

@@ -3,14 +3,11 @@
 from collections import deque
 from functools import partial
 
-from rclpy.node import Node
-
+from rkhs_interfaces import msg
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes, Record, discard, record_kinds
-from rkhs_ros.nodes.core.messages import set_policy_request
-from rkhs_ros.nodes.core.names import fresh_number
-from rkhs_ros.nodes.core.peers import Peers
+from rkhs_ros.nodes.core.peers import Peers, fresh_number
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.lockstep.simulator_link import (
     MAX_DISCARDS,
@@ -20,46 +17,12 @@ from rkhs_ros.nodes.lockstep.simulator_link import (
     discard_reason,
 )
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
 
 CHECK_S = 1.0  # without episodes before the simulator is asked whether it still answers
 POLICY = "policy"
-
-
-class PolicyLink:
-    """The learner's client of the policy node.
-
-    Owns the policy in service and its version.
-    """
-
-    def __init__(self, node: Node, peers: Peers) -> None:
-        self.version = 0
-        self._policy: GaussianPolicy | None = None
-        self._peers = peers
-        self._set_policy = node.create_client(SetPolicy, "set_policy")
-
-    def wait(self) -> None:
-        """Wait until the policy node offers its service.
-
-        Raises:
-            SilentError: the node does not offer it in time.
-        """
-        self._peers.wait_for_service(self._set_policy, POLICY)
-
-    def serve(self, policy: GaussianPolicy) -> None:
-        """Send a policy to the policy node, unless the node serves it already.
-
-        Raises:
-            SilentError: the node does not answer in time.
-            ValueError: the node refuses the policy.
-        """
-        if policy is not self._policy:
-            version = fresh_number()
-            request = set_policy_request(policy, version)
-            ask = partial(self._peers.call, self._set_policy, request, POLICY, repeatable=True)
-            self._peers.call_until_accepted(ask, POLICY)
-            self._policy, self.version = policy, version
 
 
 class TopicRunner:
@@ -69,7 +32,7 @@ class TopicRunner:
     discards an episode, the runner requests it again under the same number. Any other fault ends the run, which can be
     resumed.
 
-    Owns the clients of simulator and policy node.
+    Owns the clients of simulator and policy node, the policy in service and its version.
 
     Args:
         num_envs: number of environments of the coming batches; the simulator reports its capacity for it.
@@ -84,7 +47,9 @@ class TopicRunner:
         self._peers = peers
         self.record: Record = discard
         self._simulator = SimulatorLink(node, peers, "", num_envs, kind)
-        self._policy = PolicyLink(node, peers)
+        self._set_policy = node.create_client(SetPolicy, "set_policy")
+        self._policy: GaussianPolicy | None = None
+        self._version = 0
 
     def connect(self, environment: Environment | None = None) -> Environment:
         """Wait for simulator and policy node, and return the environment; any is accepted if None is given.
@@ -97,7 +62,7 @@ class TopicRunner:
         if environment is None:
             self._node.get_logger().info("no environment is set: using that of the simulator")
         connected = self._simulator.connect(environment)
-        self._policy.wait()
+        self._peers.wait_for_service(self._set_policy, POLICY)
         self.spaces = self._simulator.spaces
         return connected
 
@@ -116,7 +81,7 @@ class TopicRunner:
 
     def report(self) -> dict[str, object]:
         """Return the diagnostics values of policy and batch."""
-        return {"serving version": self._policy.version, "batch": self._simulator.request.batch}
+        return {"serving version": self._version, "batch": self._simulator.request.batch}
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy, run in parallel up to the simulator's capacity.
@@ -131,7 +96,7 @@ class TopicRunner:
             return self._collected(policy, batch)
 
     def _collected(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        self._policy.serve(policy)
+        self._serve(policy)
         parts = deque(batch.parts(self.capacity(batch.num_envs)))
         done: dict[Batch, Episodes] = {}
         try:
@@ -149,6 +114,15 @@ class TopicRunner:
             done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode))
         )
 
+    def _serve(self, policy: GaussianPolicy) -> None:
+        """Send a policy to the policy node, unless the node serves it already."""
+        if policy is not self._policy:
+            version = fresh_number()
+            request = SetPolicy.Request(policy=policy_message(msg, policy, version))
+            ask = partial(self._peers.call, self._set_policy, request, POLICY, repeatable=True)
+            self._peers.call_until_accepted(ask, POLICY)
+            self._policy, self._version = policy, version
+
     def _completed(self, batch: Batch) -> Episodes:
         """Run a batch within the capacity until it is complete, again whenever a robot discards it."""
         reason = ""
@@ -162,7 +136,7 @@ class TopicRunner:
     def _finished(self, batch: Batch) -> FinishedBatch:
         """Run a batch within the capacity until it ends."""
         simulator = self._simulator
-        simulator.begin(batch, self._policy.version, timeout=self._peers.timeout_s)
+        simulator.begin(batch, self._version, timeout=self._peers.timeout_s)
         while simulator.finished is None:
             if self._peers.spin(lambda: simulator.has_news, CHECK_S):
                 self._record_ended()

@@ -19,8 +19,6 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import STOP_REQUESTED
 
 RETRY_S = 1.0  # between attempts to end a protective stop
-PATIENCE_S = 5.0  # for the gate to arm itself; later, the node asks the operator to arm it
-SIMULATED = "simulated_robot"
 LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before the node exits
 
 
@@ -110,18 +108,14 @@ class GateLink:
 class SimulatedRobotLink:
     """The robot node's client of a simulated robot.
 
-    Ends its protective stops automatically, unless a stop was requested; its gate arms itself.
-
-    Owns the robot's last report, and the times of the last attempt, of the last obstacle and of its beginning.
+    Owns the robot's last report, and the time of the last attempt to end a protective stop.
     """
 
-    def __init__(self, node: Node, gate: GateLink) -> None:
-        self._node = node
-        self._gate = gate
+    def __init__(self, node: Node) -> None:
         self._report = DiagnosticStatus()
-        self._asked_at = self._seen_at = self._since = 0.0
-        self._reset = node.create_client(Trigger, f"{SIMULATED}/reset_protective_stop")
-        node.create_subscription(DiagnosticStatus, f"{SIMULATED}/violations", self._hear_report, LATCHED_QOS)
+        self._asked_at = 0.0  # monotonic time, seconds
+        self._reset = node.create_client(Trigger, "simulated_robot/reset_protective_stop")
+        node.create_subscription(DiagnosticStatus, "simulated_robot/violations", self._hear_report, LATCHED_QOS)
 
     def obstacle(self) -> str:
         """Return the reason of the robot's protective stop; empty if there is none."""
@@ -129,24 +123,11 @@ class SimulatedRobotLink:
             return ""
         return f"the simulated robot made a protective stop ({truncated(self._report.message)})"
 
-    def make_ready(self, now: float) -> bool:
-        """Prepare the robot to move; return whether this happens automatically.
-
-        After a requested stop, or if the gate does not arm itself for some seconds, an operator has to arm it.
-
-        Args:
-            now: monotonic time of this call, seconds; it is repeated while there is an obstacle.
-        """
-        if self._gate.stop_was_requested:
-            return False
-        if now > self._seen_at + RETRY_S:
-            self._since = now
-        self._seen_at = now
-        is_due = bool(self.obstacle()) and now >= self._asked_at + RETRY_S
-        if is_due and SIMULATED in self._node.get_node_names() and self._reset.service_is_ready():
+    def end_protective_stop(self, now: float) -> None:
+        """End a protective stop, if there is one; the monotonic time `now` limits the rate of attempts."""
+        if self.obstacle() and now >= self._asked_at + RETRY_S and self._reset.service_is_ready():
             self._asked_at = now
             self._reset.call_async(Trigger.Request())
-        return now < self._since + PATIENCE_S
 
     def _hear_report(self, message: DiagnosticStatus) -> None:
         self._report = message

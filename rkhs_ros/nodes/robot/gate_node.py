@@ -114,7 +114,7 @@ class GateNode(ReportingNode):
         self._flaw = ""  # of the last joint state
         self._obstacle = ""  # last reported by the robot node
         self._open_topics()
-        self.diagnostics = Diagnostics(self, self._report, ["command", self._settings.command.topic])
+        self.diagnostics = Diagnostics(self, self._report)
         self._turn(self._state)
         self.get_logger().info(f"ready to be armed for {', '.join(self._settings.joints)}; sends nothing until then")
 

@@ -4,16 +4,17 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Action, Observation
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, robot_observation_message
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.robot.gate_link import GateLink, SimulatedRobotLink
 from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
-from rkhs_ros.policies.messages import matrix
+from rkhs_ros.policies.messages import doubles, matrix
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
@@ -23,6 +24,7 @@ from rkhs_ros.robot.task import RobotTask
 
 RESET_PERIOD_S = 0.05  # between the commands of a reset, at most
 IDLE_S = 1.0  # until the next check without an episode
+PATIENCE_S = 5.0  # for the gate of a simulated robot to arm itself; later, an operator has to arm it
 PEERS_TIMEOUT_S = 5.0  # for sensors and the service to become available before a reset; after it the run ends
 
 
@@ -32,7 +34,7 @@ class EpisodeDriver:
     Owns the current episode, its reset and the last command.
 
     Args:
-        arms: whether the gate arms itself and protective stops end automatically; for simulated robots only.
+        simulated: whether the gate arms itself and protective stops end automatically.
         ended: called with each episode that has ended, after the command to hold.
 
     Attributes:
@@ -44,7 +46,7 @@ class EpisodeDriver:
     """
 
     def __init__(
-        self, node: ReportingNode, task: RobotTask, *, arms: bool, ended: Callable[[RobotEpisode], None]
+        self, node: ReportingNode, task: RobotTask, *, simulated: bool, ended: Callable[[RobotEpisode], None]
     ) -> None:
         self.episode: RobotEpisode | None = None
         self.lockstep = (0, 0)  # batch and policy version of the episode's messages
@@ -57,13 +59,14 @@ class EpisodeDriver:
         self._reset: ResetProcess | None = None
         self._reset_period = min(task.period, RESET_PERIOD_S)
         self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
-        self._began_at = self._ready_at = 0.0  # monotonic times of the request and the first observation, seconds
+        # Monotonic times, seconds: of the request or the last obstacle, of the first observation, and of no obstacle.
+        self._began_at = self._ready_at = self._clear_at = 0.0
         self._timeout = 0.0  # seconds without a first action; 0 for no limit
         self._sent = (0, 0)  # number of the last command, and its step
         self._fault = ""  # why the policy cannot act
         self._is_shown = False  # whether the policy has an observation of the episode
         self._gate = GateLink(node, task.stale_after, self._hear_report)
-        self._simulated = SimulatedRobotLink(node, self._gate) if arms else None
+        self._simulated = SimulatedRobotLink(node) if simulated else None
         self.sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
@@ -73,7 +76,7 @@ class EpisodeDriver:
         """Start an episode with the policy of that version, which has ``timeout`` seconds for its first action."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
         self.lockstep, self._timeout = (identity, version), timeout
-        self._began_at = time.monotonic()
+        self._began_at = self._clear_at = time.monotonic()
         self._clock = ElasticClock(self._reset_period, self._began_at)
 
     def confirm(self) -> None:
@@ -140,15 +143,22 @@ class EpisodeDriver:
         elif self._reset is not None:
             self._continue_reset(self._reset, episode, now)
         elif obstacle or self.paused:
-            is_automatic = self._simulated is not None and self._simulated.make_ready(now) and not self.paused
-            what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to continue: {self.call('start')}"
-            self.waiting = "" if is_automatic else self.sensors.obstacle() or what
-            self._began_at = now
-        elif self._is_sensing(now) and self._is_served(now):
+            self.waiting, self._began_at = self._remedy(obstacle, now), now
+        elif self._is_ready(now):
             self.waiting = ""
             start = self.call("start")
             self._reset = ResetProcess(self._task.reset, self._task.action.kind, start, now, self._call_service)
         return self._clock.due
+
+    def _remedy(self, obstacle: str, now: float) -> str:
+        """Return what the operator has to do about an obstacle or a pause; empty if a simulated robot ends it."""
+        if self._simulated is not None and not self._gate.stop_was_requested:
+            self._simulated.end_protective_stop(now)
+            self._clear_at = self._clear_at if obstacle else now
+            if not self.paused and now < self._clear_at + PATIENCE_S:
+                return ""
+        what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to continue: {self.call('start')}"
+        return self.sensors.obstacle() or what
 
     def call(self, service: str) -> str:
         """Return the commands with which the operator calls a service of the node."""
@@ -163,29 +173,18 @@ class EpisodeDriver:
             return self.sensors.obstacle() or str(error)
         return self.sensors.obstacle()
 
-    def _is_sensing(self, now: float) -> bool:
-        """Return whether all sensors are usable.
+    def _is_ready(self, now: float) -> bool:
+        """Return whether all sensors and the service of the reset are usable.
 
         Raises:
             RunError: they are not in time.
         """
-        obstacle = self._blindness()
-        if obstacle and now - self._began_at > PEERS_TIMEOUT_S:
-            raise RunError(f"{obstacle}, for {PEERS_TIMEOUT_S:g} s")
-        return not obstacle
-
-    def _is_served(self, now: float) -> bool:
-        """Return whether the service of the reset is available, or not needed.
-
-        Raises:
-            RunError: it is not available in time.
-        """
-        if "trigger" not in self._task.reset.steps or self._service.service_is_ready():
-            return True
-        if now - self._began_at > PEERS_TIMEOUT_S:
-            name = self._node.resolve_service_name(self._task.reset.trigger.service)
-            raise RunError(f"reset.trigger: expected a service {name}, got none for {PEERS_TIMEOUT_S:g} s")
-        return False
+        missing, trigger = self._blindness(), self._task.reset.trigger.service
+        if not missing and "trigger" in self._task.reset.steps and not self._service.service_is_ready():
+            missing = f"reset.trigger: expected a service {self._node.resolve_service_name(trigger)}, got none"
+        if missing and now - self._began_at > PEERS_TIMEOUT_S:
+            raise RunError(f"{missing}, for {PEERS_TIMEOUT_S:g} s")
+        return not missing
 
     def _continue_reset(self, reset: ResetProcess, episode: RobotEpisode, now: float) -> None:
         try:
@@ -230,7 +229,22 @@ class EpisodeDriver:
 
     def _show(self, episode: RobotEpisode) -> None:
         self._is_shown = True
-        self._observations.publish(robot_observation_message(*self.lockstep, episode.batch, episode, episode.step))
+        identity, version = self.lockstep
+        over, terminated = episode.complete, episode.complete and episode.terminated
+        self._observations.publish(
+            Observation(
+                stamp=Time(nanoseconds=episode.stamps[-1]).to_msg(),
+                batch=identity,
+                policy_version=version,
+                step=episode.step,
+                over=over,
+                **vars(episode.batch),
+                observations=doubles(episode.observations[-1]),
+                rewards=episode.rewards[-1:],
+                terminated=[0] if terminated else [],
+                truncated=[0] if over and not terminated else [],
+            )
+        )
 
     def _act(self, message: Action) -> None:
         episode = self.episode
@@ -246,7 +260,9 @@ class EpisodeDriver:
         except ValueError as error:
             self._node.diagnostics.refuse(f"action: {error}")
             return
-        stamp = episode.stamp if episode.moving else time.time_ns()  # before the motion, the observation is still valid
+        stamp = (
+            episode.stamps[-1] if episode.moving else time.time_ns()
+        )  # before the motion, the observation is still valid
         command = episode.act(message.step, action, time.monotonic())
         if command is not None:
             self._sent = (self._gate.send(command, stamp), message.step)

@@ -3,6 +3,7 @@
 import sys
 import time
 from dataclasses import replace
+from typing import NamedTuple
 
 from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
@@ -12,18 +13,30 @@ from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError, Stop
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.episodes import Episodes as EpisodeValues
+from rkhs_ros.learning.episodes import Execution
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
-from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe_robot
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of
 from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
+from rkhs_ros.policies.messages import spaces_fields
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.episode import FinishedEpisode, RobotEpisode, StepTiming
+from rkhs_ros.robot.episode import RobotEpisode
 from rkhs_ros.robot.task import robot_task_from
 
 CALM_S = 0.005  # before the next due event, during which the node does nothing else
+
+
+class Finished(NamedTuple):
+    """An episode that has ended, with the numbers of its batch and its policy."""
+
+    batch: int
+    version: int
+    episodes: EpisodeValues
+    execution: Execution
 
 
 class RobotNode(ReportingNode):
@@ -44,23 +57,18 @@ class RobotNode(ReportingNode):
         """
         require_section(self.get_fully_qualified_name(), sys.argv)
         tree = given(self)
-        arms = declared(
-            self,
-            tree,
-            "simulated",
-            False,
-            "end protective stops automatically, for simulated robots whose gate arms itself only",
-        )
+        about = "end protective stops automatically, for simulated robots whose gate arms itself only"
+        simulated = declared(self, tree, "simulated", False, about)
         self._task = robot_task_from(tree)
         declare(self, (entry for entry in self._task.entries() if entry.value != ()))
         self._request = StartEpisodes.Request()  # the newest one
-        self._held: tuple[FinishedEpisode, float] | None = None  # an episode that may be vetoed, and until when
-        # The last completed episode that was published, with its batch and policy version.
-        self._reported: tuple[FinishedEpisode, int, int] | None = None
+        self._held: Finished | None = None  # a completed episode that may still be vetoed
+        self._held_until = 0.0  # monotonic time, seconds
+        self._reported: Finished | None = None  # the last completed one that was published
         self._failure = ""
-        self._timing, self._misses, self._discarded = StepTiming(), 0, 0
-        self.diagnostics = Diagnostics(self, self._report, ["action", "gate/report"])
-        self._motion = EpisodeDriver(self, self._task, arms=arms, ended=self._ended)
+        self._misses = self._discarded = 0
+        self.diagnostics = Diagnostics(self, self._report)
+        self._motion = EpisodeDriver(self, self._task, simulated=simulated, ended=self._ended)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -81,9 +89,9 @@ class RobotNode(ReportingNode):
             SilentError: the policy node did not act in time.
         """
         now = time.monotonic()
-        if self._held is not None and now >= self._held[1]:
+        if now >= self._held_until:
             self._release()
-        due = self._proceed(now) if self._held is None else self._held[1]
+        due = self._proceed(now) if self._held is None else self._held_until
         if due - now < CALM_S:
             return max(due - time.monotonic(), 0.0)
         self._motion.sensors.heartbeat(now)
@@ -108,7 +116,16 @@ class RobotNode(ReportingNode):
     # Requests of the learner.
 
     def _describe(self, request: DescribeTask.Request, response: DescribeTask.Response) -> DescribeTask.Response:
-        return describe_robot(self._task, self._motion.waiting)
+        return DescribeTask.Response(
+            environment=self._task.task,
+            options="{}",
+            **spaces_fields(self._task.spaces),
+            capacity=1,
+            num_envs=1,
+            period=self._task.period,
+            learner_timeout=self._task.learner_timeout,
+            waiting=self._motion.waiting,
+        )
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
         if not is_answered(self, "observation", "action"):
@@ -137,34 +154,33 @@ class RobotNode(ReportingNode):
 
     def _ended(self, episode: RobotEpisode) -> None:
         """Publish an ended episode; one that may be vetoed is published again when this is decided."""
-        ended = episode.ended()
-        self._timing, self._misses = self._timing + episode.timing, self._misses + episode.misses
-        self.diagnostics.steps += len(ended.execution.flags)
-        if reason := ended.execution.discard_reason:
+        episodes, execution = episode.ended()
+        self._misses += episode.misses
+        self.diagnostics.steps += len(execution.flags)
+        if reason := execution.discard_reason:
             self._discarded += 1
-            self.get_logger().warning(f"episode {ended.batch.first_episode + 1} is discarded: {reason}")
+            self.get_logger().warning(f"episode {episode.batch.first_episode + 1} is discarded: {reason}")
+        finished = Finished(self._request.batch, self._request.policy_version, episodes, execution)
         if self._failure:  # the learner exits; it must not repeat the episode
-            place = {"batch": self._request.batch, "policy_version": self._request.policy_version}
+            place = {"batch": finished.batch, "policy_version": finished.version}
             self._episodes.publish(Episodes(failure=self._failure, **place))
-            return
-        if reason or not self._task.veto_window:
-            self._publish(ended)
+        elif reason or not self._task.veto_window:
+            self._publish(finished)
         else:
-            self._held = (ended, time.monotonic() + self._task.veto_window)
-            self._publish(ended, vetoable=True)
+            self._held, self._held_until = finished, time.monotonic() + self._task.veto_window
+            self._publish(finished, vetoable=True)
 
     def _release(self) -> None:
         """Publish an episode that may no longer be vetoed."""
         if self._held is not None:
-            ended, self._held = self._held[0], None
-            self._publish(ended)
+            held, self._held = self._held, None
+            self._publish(held)
 
-    def _publish(self, ended: FinishedEpisode, *, vetoable: bool = False) -> None:
-        place = (self._request.batch, self._request.policy_version)
-        message = episodes_message(msg, *place, ended.episodes, [ended.execution])
+    def _publish(self, finished: Finished, *, vetoable: bool = False) -> None:
+        message = episodes_message(msg, finished.batch, finished.version, finished.episodes, [finished.execution])
         message.vetoable = vetoable
         self._episodes.publish(message)
-        self._reported = None if vetoable or ended.execution.discard_reason else (ended, *place)
+        self._reported = None if vetoable or finished.execution.discard_reason else finished
 
     # Requests of the operator.
 
@@ -190,22 +206,17 @@ class RobotNode(ReportingNode):
         The learner cannot have used an episode that is held back, nor one whose policy is still acting.
         """
         if self._held is not None:
-            self._held = (self._vetoed(self._held[0]), 0.0)
-            self._release()
-        elif self._reported is not None and self._motion.episode and self._reported[2] == self._request.policy_version:
-            (ended, identity, version), self._reported = self._reported, None
-            vetoed = self._vetoed(ended)
-            self._episodes.publish(episodes_message(msg, identity, version, vetoed.episodes, [vetoed.execution]))
+            vetoed, self._held = self._held, None
+        elif self._reported and self._motion.episode and self._reported.version == self._request.policy_version:
+            vetoed = self._reported
         else:
             response.message = "the learner has already used all completed episodes (veto_window holds them back)"
             return response
+        execution = replace(vetoed.execution, discard_reason="vetoed by the operator")
+        self._publish(vetoed._replace(execution=execution))
+        self._discarded += 1
         response.success = True
         return response
-
-    def _vetoed(self, ended: FinishedEpisode) -> FinishedEpisode:
-        vetoed = replace(ended, execution=replace(ended.execution, discard_reason="vetoed by the operator"))
-        self._discarded += 1
-        return vetoed
 
     def _report(self) -> dict[str, object]:
         batch, version = self._motion.lockstep
@@ -215,8 +226,6 @@ class RobotNode(ReportingNode):
             "batch": batch,
             "step": episode.step if episode else 0,
             "state": "idle" if episode is None else "moving" if episode.moving else "getting ready",
-            "period mean ms": f"{1e3 * self._timing.mean:.2f}",
-            "period worst ms": f"{1e3 * self._timing.worst:.2f}",
             "misses": self._misses,
             "discarded episodes": self._discarded,
             **self._motion.sensors.report(),

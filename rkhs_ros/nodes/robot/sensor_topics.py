@@ -15,8 +15,8 @@ from std_msgs.msg import String
 
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.names import in_one_line
 from rkhs_ros.nodes.core.publishers import OBSTACLE, PREFIX, Source
+from rkhs_ros.nodes.core.spin import in_one_line
 from rkhs_ros.robot.gate_settings import GateSettings
 from rkhs_ros.robot.reset import STEPS
 from rkhs_ros.robot.sensors import JOINT_STATE, ReceivedMessage, SensingError, check_field, field_values

@@ -8,7 +8,7 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.yaml_text import dumped, loaded
-from rkhs_ros.nodes.core.names import node_names
+from rkhs_ros.nodes.core.transport import node_names
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 
