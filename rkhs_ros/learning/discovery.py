@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import Transitions, coordinates_of
+from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
@@ -25,7 +26,6 @@ from rkhs_ros.rkhs.posterior import Posterior
 CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
 NOISE = 1.0  # a column that changes more than this in a step is noise, and does not count
 FEWEST_DECISIONS = 50  # in the longest episode
-MOST_REPEAT = 100
 CLEARLY = 1.5  # ratio of two action repeats above which they differ by more than one choice does by chance
 TURNS = tuple(scale * turn for turn in (2.0 * np.pi, 360.0) for scale in (1.0, 1e3, 1e-3))  # of usual units
 EXTENT = 1.1  # largest range of an angle with observation noise, in turns
@@ -37,7 +37,6 @@ CENTRES = 100  # of its models
 FEWEST_STEPS = 100  # for a longer history
 LONGEST_HISTORY = 3
 GAIN, GAIN_PER_NUMBER = 20.0, 0.5  # of log evidence, in all and per observed change, that justify further inputs
-WIDE = 1.0  # range of a column that may be an angle, in turns
 UNWRAPPED_TURNS = (2.0 * np.pi, 360.0)
 
 
@@ -200,7 +199,7 @@ def _with_unwrapped_angles(inputs: Inputs, episodes: Episodes, evidence: Callabl
     extents = np.ptp(episodes.flat(episodes.observations), axis=0)
     for column in sorted(set(range(len(extents))) - set(inputs.columns)):
         for turn in UNWRAPPED_TURNS:
-            if extents[column] < WIDE * turn:
+            if extents[column] < turn:
                 continue
             changed = with_angles(inputs, inputs.turns_by_column | {column: turn})
             if evidence(changed).log - evidence(inputs).log > evidence(inputs).least_gain:

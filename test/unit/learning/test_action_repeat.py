@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.discovery import (
-    CHANGE,
-    CLEARLY,
     change_per_decision,
     choose_action_repeat,
     correct_action_repeat,
@@ -218,7 +216,7 @@ def test_the_change_of_a_wave_per_decision_has_a_closed_form(frequency: float) -
         expected = 2.0 * np.sin(np.pi * frequency * repeat)
         np.testing.assert_allclose(change_per_decision(episodes, repeat), expected, rtol=0.02)
     repeats = np.arange(1, min(50, int(0.5 / frequency)) + 1)  # up to half a period; then the change falls again
-    nearest = repeats[np.argmin(np.abs(np.log(2.0 * np.sin(np.pi * frequency * repeats) / CHANGE)))]
+    nearest = repeats[np.argmin(np.abs(np.log(2.0 * np.sin(np.pi * frequency * repeats) / 0.3)))]
     assert choose_action_repeat(episodes) == nearest
 
 
@@ -229,7 +227,14 @@ def test_units_and_uninformative_columns_do_not_change_the_action_repeat() -> No
     for columns in ([observed * [1e6, 1e-6]], [observed, constant], [observed, observed[..., :1]], [observed, noise]):
         assert choose_action_repeat(seen(np.concatenate(columns, axis=2))) == expected
     assert choose_action_repeat(seen(np.concatenate([constant, constant], axis=2))) == 1
-    assert choose_action_repeat(seen(observed[:, :30])) == 1  # 20 decisions at least
+    assert choose_action_repeat(seen(observed[:, :30])) == 1  # 50 decisions at least
+
+
+@pytest.mark.parametrize(("frequency", "counts"), [(0.14, True), (0.195, False)])
+def test_a_column_that_changes_by_more_than_its_deviation_in_a_step_is_noise(frequency: float, counts: bool) -> None:
+    slow, fast = waves(0.01)[..., :1], waves(frequency)[..., :1]  # fast ones change by 0.85 and 1.15 deviations
+    alone, both = (change_per_decision(seen(each), 1) for each in (slow, np.concatenate([slow, fast], axis=2)))
+    assert (both > 2.0 * alone) == counts
 
 
 def test_more_episodes_correct_only_an_action_repeat_that_differs_clearly() -> None:
@@ -237,7 +242,7 @@ def test_more_episodes_correct_only_an_action_repeat_that_differs_clearly() -> N
     better = choose_action_repeat(episodes)
     assert better >= 6  # so that some repeats are near and others are not
     for earlier in range(1, 3 * better):
-        is_near = max(earlier, better) <= CLEARLY * min(earlier, better)
+        is_near = max(earlier, better) <= 1.5 * min(earlier, better)
         assert correct_action_repeat(earlier, episodes) == (earlier if is_near else better)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.diagnosis import (
-    REWARD_PATIENCE,
     SIGNS,
     Diagnosis,
     Summary,
@@ -54,11 +53,15 @@ HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS,
 BAD: list[tuple[Sign, list[Summary]]] = [
     (has_constant_reward, curve(3, highest_reward=0.0)),
     (saturates, curve(saturated=0.99)),
+    (saturates, curve(5, saturated=0.99)),
     (predicts_badly, curve(model_return=0.9, model_error=1.2)),
     (predicts_badly, curve(evaluation_return=nan, model_error=1.2)),
+    (predicts_badly, curve(evaluation_return=nan, model_error=0.55)),
+    (predicts_badly, curve(model_return=1.59, model_error=0.8)),  # 0.12 of the return above
     (predicts_badly, errors(nan, 6.4, 0.8, 0.4, 0.7)),  # a swimmer
     (exploits_model, curve(model_return=23.0)),
     (exploits_model, curve(exploration_return=-500.0, evaluation_return=-600.0, model_return=-100.0)),
+    (exploits_model, curve(exploration_return=0.0, evaluation_return=1.0, model_return=1.8)),
     (exploits_model, of_model(1740.0, 926.0, 784.0, 248.0, 20.0, 219.0)),
 ]
 
@@ -102,6 +105,9 @@ def test_unknown_values_get_no_advice() -> None:
         curve(model_return=23.0, optimistic=True),
         curve(highest_reward=0.0, terminates=True),  # such as 1 for each step without a fall
         curve(saturated=0.9),
+        curve(4, saturated=0.99),
+        curve(exploration_return=0.0, evaluation_return=1.0, model_return=1.7),
+        curve(model_return=1.52, model_error=0.8),  # 0.08 of the return above
         errors(nan, 0.45, 0.45, 0.45, 0.45),
         curve(model_return=1.5, model_error=0.8),  # columns that do not matter
         errors(nan, 1.4, 0.2, 0.3, 0.2, 0.3),  # states that are new for one iteration
@@ -147,6 +153,6 @@ def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iterati
     diagnosis = Diagnosis(spaces)
     given = [diagnosis.advise(each) for each in [*silent, *silent]]
     (advice,) = [each for each in given if each is not None]
-    assert given[REWARD_PATIENCE - 1] == advice == SIGNS[0][1]
+    assert given[2] == advice == SIGNS[0][1]
     resumed = Diagnosis(spaces, given=[str(advice)])
     assert [resumed.advise(each) for each in silent] == [None] * 3

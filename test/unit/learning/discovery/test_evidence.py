@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.discovery import LONGEST_HISTORY, discover_inputs
+from rkhs_ros.learning.discovery import discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -121,7 +121,7 @@ def test_a_hidden_state_lengthens_the_history_by_one_step(task: Any, hide: Any, 
 def test_few_steps_and_the_longest_history_keep_the_history() -> None:
     hidden = observing(pendulum(0), [0])
     assert discovered(replace(hidden.take(slice(1)), mask=hidden.mask[:1] & (np.arange(HORIZON) < 99))).history == 1
-    known = Inputs(history=LONGEST_HISTORY, angles=(0.0,))
+    known = Inputs(history=3, angles=(0.0,))
     assert discovered(hidden, known) == known
 
 

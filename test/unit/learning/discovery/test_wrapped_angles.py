@@ -90,6 +90,28 @@ def test_a_switch_between_two_values_about_a_turn_apart_is_not_found(
     assert found(turn * (share * switched + noise * np.tanh(rng.standard_normal(switched.shape)))) == {}
 
 
+def rotation(*rates: float) -> Array:
+    """Return one rotation with the given rates, repeated, in turns that are not wrapped."""
+    return np.cumsum(np.resize(rates, (1, HORIZON + 1)), axis=1)
+
+
+@pytest.mark.parametrize(
+    ("turns", "is_angle"),
+    [
+        (rotation(0.13) % 1.0, True),  # turns per step
+        (rotation(0.17) % 1.0, False),
+        (rotation(*[0.03] * 20, 0.35) % 1.0, True),  # the longest step
+        (rotation(*[0.03] * 20, 0.45) % 1.0, False),
+        (rotation(*[0.02] * 48, 0.05) % 1.0, True),  # the step that wraps, relative to the others
+        (rotation(*[0.02] * 47, 0.07) % 1.0, False),
+        (rotation(0.1) % 1.07, True),  # a range of more than a turn, as noise may cause
+        (rotation(0.1) % 1.2, False),
+    ],
+)
+def test_an_angle_moves_in_short_steps_within_one_turn(turns: Array, is_angle: bool) -> None:
+    assert bool(found(FULL * turns)) == is_angle
+
+
 def test_an_angle_that_does_not_wrap_in_the_data_is_not_found() -> None:
     assert found(FULL * (0.2 * np.tanh(smooth(0)) + 0.5)) == {}
     assert found(FULL * counted_turns(0)) == {}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.model.termination import FEWEST_ENDS, TerminalReward
+from rkhs_ros.learning.model.termination import TerminalReward
 
 CRASH, LANDING = -100.0, 100.0
 
@@ -39,7 +39,7 @@ def test_ends_that_are_alike_have_the_mean(rng: np.random.Generator, ordinary: f
 
 
 def test_few_ends_and_ends_without_a_pattern_have_the_mean(rng: np.random.Generator) -> None:
-    few, rewards = two_kinds(rng, FEWEST_ENDS - 1)
+    few, rewards = two_kinds(rng, 4)
     assert TerminalReward.fit(few, rewards, rewards, 0.1, 50) == TerminalReward(float(rewards.mean()))
     functions = 0
     for _ in range(4):

@@ -16,13 +16,7 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.training_in_model import (
-    EXPLORATION_DECAY,
-    EXPLORATION_MINIMUM,
-    FINER,
-    VALIDATE_EVERY,
-)
-from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
+from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import ModelBased, Training
@@ -81,7 +75,7 @@ def test_validation_keeps_the_first_of_the_best_policies(values: list[int]) -> N
         assert validation.best is not None
         assert validation.best.policy is policies[best]
         assert validation.best.mean == pytest.approx(values[best] + 1.5)  # 0, 1 and 2 more
-        assert validation.improves == (number - best < PATIENCE)
+        assert validation.improves == (number - best < 6)
     assert runner.batches == [Batch(7, 0, 3, HORIZON, explore=False)] * len(values)
 
 
@@ -130,7 +124,7 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
     settings, runner, experience = training.model, fitted(training, episodes), first_experience(training, episodes)
     assert isinstance(settings, ModelBased)
     points, variance, rkhs_nac = episodes.flat(episodes.observations), experience.first_variance, RKHSNAC(centres=12)
-    algorithm = replace(rkhs_nac, ridge=rkhs_nac.ridge / FINER, value_ridge=rkhs_nac.value_ridge / FINER)
+    algorithm = replace(rkhs_nac, ridge=rkhs_nac.ridge / 100.0, value_ridge=rkhs_nac.value_ridge / 100.0)
     policy = first_policy(training, experience.spaces)
     policy = replace(policy, mean=Function.constant(training.kernel.fit(points, 1), 2, 1), noise="white")
     deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
@@ -142,7 +136,7 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
         policy, _ = algorithm.update(policy, rollouts)
         memory = algorithm.remembered(rollouts.episodes + memory, training.discount)
         weights.append(policy.mean.weights)
-        deviation = np.maximum(deviation * EXPLORATION_DECAY, EXPLORATION_MINIMUM * np.sqrt(variance))
+        deviation = np.maximum(deviation * 0.97, 0.1 * np.sqrt(variance))
     return weights
 
 
@@ -153,7 +147,7 @@ def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
 def test_validation_chooses_among_the_same_updates() -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1))
     weights = weights_of_updates(TRAINING, iteration.exploration)
-    candidates = weights[VALIDATE_EVERY - 1 :: VALIDATE_EVERY]
+    candidates = weights[4::5]
     assert any(np.array_equal(iteration.policy.mean.weights, candidate) for candidate in candidates)
 
 
@@ -204,7 +198,7 @@ def test_an_earlier_policy_replaces_one_that_turned_out_to_be_worse() -> None:
 def test_training_ends_if_no_policy_improves() -> None:
     algorithm, updates = constant_updates(lambda number: 1.0)
     learn(replace(TRAINING, iterations=1, algorithm=algorithm))
-    assert updates == list(range((1 + PATIENCE) * VALIDATE_EVERY))  # all policies are equal to the first candidate
+    assert updates == list(range((1 + 6) * 5))  # all policies are equal to the first candidate
 
 
 def test_training_goes_on_as_long_as_policies_improve() -> None:
