@@ -330,8 +330,10 @@ def test_rollouts_exceed_the_observed_range_by_at_most_a_quarter(rng: np.random.
         (lambda place, push: 2.0 - np.abs(push), True),
         (lambda place, push: -(push**2) + 100.0 * (place == place.max()), False),  # which one step of 720 reached
         (lambda place, push: 0.2 * place - push**2, False),
+        (lambda place, push: push / push.std() + 0.085 * np.sign(place) * (np.abs(push) < 2.0), True),
+        (lambda place, push: push / push.std() + 0.12 * np.sign(place) * (np.abs(push) < 2.0), False),
     ],
-    ids=["nothing", "square", "size", "a goal", "a slope"],
+    ids=["nothing", "square", "size", "a goal", "a slope", "a tenth of the deviation", "more"],
 )
 def test_rewards_depend_on_actions_only_until_a_state_is_better(
     rng: np.random.Generator, earned: Step, alike: bool, size: float
@@ -353,13 +355,22 @@ def test_rewards_do_not_depend_on_actions_only_if_the_task_terminates_episodes(r
 def test_rewards_of_few_steps_are_not_explained_by_as_many_coefficients(
     rng: np.random.Generator, action_dim: int
 ) -> None:
-    rows = 1 + 3 * action_dim
+    rows = 1 + 3 * action_dim  # as many as coefficients
     actions, place = rng.uniform(-1.0, 1.0, (rows, 1, action_dim)), rng.uniform(-1.0, 1.0, (rows, 1, 1))
     steps, never = np.ones((rows, 1), dtype=bool), np.zeros(rows, dtype=bool)
     episodes = Episodes(place, actions, place[:, :, 0], steps, place[:, 0], never)
     spaces = Spaces((1,), np.full(action_dim, -1.0), np.full(action_dim, 1.0))
     assert not reward_depends_on_action_only(episodes, spaces)
     assert reward_depends_on_action_only(replace(episodes, rewards=steps.astype(float)), spaces)
+
+
+@pytest.mark.parametrize(("steps", "enough"), [(7, False), (8, True)])
+def test_a_cost_of_one_action_is_recognised_from_eight_steps_on(
+    rng: np.random.Generator, steps: int, enough: bool
+) -> None:
+    actions, ones = rng.uniform(-1.0, 1.0, (1, steps, 1)), np.ones((1, steps), dtype=bool)
+    episodes = Episodes.without_ends(np.zeros((1, steps, 1)), actions, -(actions[..., 0] ** 2), ones)
+    assert reward_depends_on_action_only(episodes, Spaces((1,), -np.ones(1), np.ones(1))) == enough
 
 
 def test_rewards_may_lie_outside_the_observed_range_by_the_margin(rng: np.random.Generator) -> None:
