@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -34,8 +34,6 @@ MODULES = {
     "simulated_robot": "sim_nodes.robots.simulated_robot_node",
     "policy": "rkhs_ros.nodes.lockstep.policy_node",
     "learner": "rkhs_ros.nodes.lockstep.learner_node",
-    "status": "rkhs_ros.nodes.watch.status_node",
-    "operator": "rkhs_ros.nodes.watch.operator_node",
 }
 
 
@@ -46,26 +44,26 @@ class NodeProcess:
 
     Args:
         name: a key of `MODULES`.
-        arguments: arguments of the node after ``--ros-args``.
+        parameters: its parameter file.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, name: str, parameters: Path) -> None:
         self.name = name
         self.is_interrupted = False
-        self.process = self._start(arguments)
+        self.process = self._start(parameters)
 
     def interrupt(self) -> None:
         """Stop the node."""
         self.is_interrupted = True
         _terminate_process(self.process)
 
-    def _start(self, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    def _start(self, parameters: Path) -> subprocess.Popen[bytes]:
         """Start the node outside our foreground process group, so that it receives Ctrl-C only through the launcher."""
         # The launcher prints the progress.
         quiet = [word for name in self.name.split("+") for word in ("--log-level", f"{name}:=warn")]
         with deferred_signals():  # Python loses an exception that a handler raises during the fork
             return subprocess.Popen(
-                [*python(MODULES[self.name]), "--ros-args", *quiet, *arguments],
+                [*python(MODULES[self.name]), "--ros-args", *quiet, "--params-file", str(parameters)],
                 stdin=subprocess.DEVNULL,
                 process_group=0,
                 env=environment(),
@@ -163,15 +161,10 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
     nodes: Nodes = {}
     try:
         for name in names:
-            nodes[name] = NodeProcess(name, ["--params-file", str(parameters)])
+            nodes[name] = NodeProcess(name, parameters)
         yield nodes
     finally:
         _terminate(nodes.values())
-
-
-def assigned(parameters: Iterable[str]) -> list[str]:
-    """Return the arguments that set parameters of a node, each given as ``name:=value``."""
-    return [word for assignment in parameters for word in ("-p", assignment)]
 
 
 def environment() -> dict[str, str]:
@@ -188,7 +181,7 @@ def _supervise(nodes: Nodes, task: str) -> int:
     node = gate if gate in ended else ended[-1]  # the learner is the last one
     code = node.process.returncode
     if learner is not None and learner.is_interrupted:
-        return max(code, 0) or INTERRUPTED if node is learner else INTERRUPTED
+        return code if node is learner and code > 0 and code != RESUMABLE else INTERRUPTED
     named = f"the {node.name} node" + (f", of {task}," if "simulator" in node.name else "")
     if node is gate:  # a person must check why it ended
         print(f"error: {named} {_how_it_ended(code)}; without it the robot must not move", file=sys.stderr)

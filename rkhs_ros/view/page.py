@@ -33,7 +33,7 @@ NodeReport = tuple[str, str, str]  # name, level and message of a node
 
 
 class Reports(Protocol):
-    """The reports of a run's nodes; see `rkhs_ros.nodes.watch.node_reports.NodeReports`."""
+    """The reports of a run's nodes; see `rkhs_ros.nodes.watch.NodeReports`."""
 
     def nodes(self) -> Sequence[NodeReport]:
         """Return the name, the level and the message of each node."""

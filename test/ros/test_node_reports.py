@@ -8,7 +8,7 @@ from rkhs_interfaces.msg import GateState
 from rkhs_ros.app.commands.view import reports_of
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.watch.node_reports import OF_OURS
+from rkhs_ros.nodes.watch import OF_OURS
 from test.ros.conftest import Probe
 
 

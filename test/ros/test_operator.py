@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from rkhs_ros.nodes.watch.operator_node import SERVICES
+from rkhs_ros.nodes.watch import SERVICES
 from test.ros.conftest import Probe, Process
 
 

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from rkhs_interfaces.msg import LearningProgress
-from rkhs_ros.nodes.watch.status_node import COLUMNS, LAST_REFUSAL, MODE, heading, reasons, table
+from rkhs_ros.nodes.watch import COLUMNS, LAST_REFUSAL, MODE, heading, problems, table
 
 
 @pytest.mark.parametrize("text", ["[/red]", "a\x1b[31mb\x1b]0;title\x07", "two\nlines", "x" * 10_000])
@@ -15,7 +15,7 @@ def test_markup_and_escapes_are_printed_as_text(text: str) -> None:
     status = DiagnosticStatus(name=text, message=text, level=b"\x07")
     status.values = [KeyValue(key=key, value=text) for key in (*COLUMNS, LAST_REFUSAL)]
     out = StringIO()
-    Console(file=out, width=20_000).print(table({text: status}), *reasons({text: status}), sep="\n")
+    Console(file=out, width=20_000).print(table({text: status}), *problems({text: status}), sep="\n")
     shown = out.getvalue()
     assert not set(shown) & set("\x1b\x07")
     assert text[:6].split("\n")[0].split("\x1b")[0] in shown
@@ -50,7 +50,7 @@ def test_problems_are_listed_below_the_table() -> None:
         ["/robot", "waiting,", "getting"],
         ["/simulated_robot", "ok", "0"],
     ]
-    assert [str(line) for line in reasons(statuses)] == [
+    assert [str(line) for line in problems(statuses)] == [
         f"/gate stopped: {why}",
         f"/gate joints: {source}",
         "/gate last refused or ignored a command",

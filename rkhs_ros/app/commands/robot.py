@@ -1,12 +1,9 @@
 """``rkhs robot``: send an operator command to the nodes of a robot."""
 
 import argparse
-import os
-from collections.abc import Iterable
 from pathlib import Path
 
-from rkhs_ros.app.domain import VARIABLE, domain_of
-from rkhs_ros.app.launcher import NodeProcess, assigned
+from rkhs_ros.app.domain import domain_of
 from rkhs_ros.base.ros import require_ros
 
 WORDS = {
@@ -26,8 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start the node that sends the command, and wait until it ends."""
-    return run_beside(options.folder, "operator", [f"word:={options.word}"])
+    """Send the command, and print the answer."""
+    require_ros("robot")
+    domain = domain_in(options)
+    from rkhs_ros.nodes.watch import command  # here, since the import needs ROS
+
+    print(command(options.word, domain))
+    return 0
 
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
@@ -36,28 +38,10 @@ def add_folder(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
 
 
-def run_beside(folder: Path | None, node: str, parameters: Iterable[str] = ()) -> int:
-    """Start a node in the ROS domain of a run, and wait until it ends.
-
-    Args:
-        folder: folder of the run; None for the domain of ROS_DOMAIN_ID.
-        node: a key of `launcher.MODULES`.
-        parameters: parameters of the node, each ``name:=value``.
-
-    Returns:
-        Exit code of the node.
+def domain_in(options: argparse.Namespace) -> int | None:
+    """Return the ROS domain of the run that the arguments name; None for that of ROS_DOMAIN_ID.
 
     Raises:
-        ValueError: ROS is missing, or the folder has no active run.
-        KeyboardInterrupt: Ctrl-C, after the node ended.
+        ValueError: the folder has no active run.
     """
-    require_ros(f"{node} node")
-    if folder is not None:
-        os.environ[VARIABLE] = domain_of(folder)
-    process = NodeProcess(node, assigned(parameters)).process
-    try:
-        return process.wait()
-    except KeyboardInterrupt:
-        process.terminate()
-        process.wait()
-        raise
+    return int(domain_of(options.folder)) if options.folder is not None else None

@@ -2,7 +2,8 @@
 
 import argparse
 
-from rkhs_ros.app.commands.robot import add_folder, run_beside
+from rkhs_ros.app.commands.robot import add_folder, domain_in
+from rkhs_ros.base.ros import require_ros
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -12,10 +13,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Start the status node and wait until it ends; with --watch, until Ctrl-C."""
+    """Print the status; with --watch, until Ctrl-C."""
+    require_ros("status")
+    domain = domain_in(options)
+    from rkhs_ros.nodes.watch import show  # here, since the import needs ROS
+
     try:
-        return run_beside(options.folder, "status", [f"watch:={str(options.watch).lower()}"])
+        show(domain, watch=options.watch)
     except KeyboardInterrupt:
-        if options.watch:
-            return 0
-        raise
+        if not options.watch:
+            raise
+    return 0

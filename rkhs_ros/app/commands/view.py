@@ -23,7 +23,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.recordings.recording import FILE
 
 if TYPE_CHECKING:
-    from rkhs_ros.nodes.watch.node_reports import NodeReports
+    from rkhs_ros.nodes.watch import NodeReports
 
 HOST, PORT = "127.0.0.1", 8080
 MOST_PORT = 65535
@@ -82,7 +82,7 @@ def reports_of(folder: Path) -> Callable[[], NodeReports | None]:
     """Return a function that starts to listen to the nodes of a run, or returns None if none is active."""
     if missing_ros():
         return lambda: None
-    from rkhs_ros.nodes.watch.node_reports import NodeReports
+    from rkhs_ros.nodes.watch import NodeReports
 
     def reports() -> NodeReports | None:
         with suppress(ValueError, OSError):
