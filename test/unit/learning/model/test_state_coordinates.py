@@ -49,6 +49,14 @@ def test_pairs_that_are_not_circles_are_not_detected(rng: np.random.Generator) -
     assert StateCoordinates.of(np.ones((50, 2))).circles == ()
 
 
+@pytest.mark.parametrize(
+    ("count", "spread", "is_circle"), [(9, 0, False), (11, 0, True), (50, 8e-5, True), (50, 1.25e-4, False)]
+)
+def test_a_circle_has_ten_points_and_a_constant_radius(count: int, spread: float, is_circle: bool) -> None:
+    points = on_circle(np.linspace(0.1, 1.5, count)) * np.sqrt(1.0 + np.linspace(0.0, spread, count))[:, None]
+    assert StateCoordinates.of(points).circles == (((0, 1),) if is_circle else ())
+
+
 @given(seed=st.integers(0, 1000))
 def test_add_inverts_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -36,6 +36,8 @@ def test_ends_that_are_alike_have_the_mean(rng: np.random.Generator, ordinary: f
     extra = -1.0 + 0.5 * differences * np.tanh(points[:, 0])
     terminal = TerminalReward.fit(points, extra, step_rewards + extra, ordinary, 50)
     np.testing.assert_array_equal(terminal.add(step_rewards, points), step_rewards + extra.mean())
+    more = -1.0 + 0.06 * np.tanh(4.0 * points[:, 0])  # 12 % of the mean
+    assert TerminalReward.fit(points, more, more, 0.0, 50).posterior is not None
 
 
 def test_few_ends_and_ends_without_a_pattern_have_the_mean(rng: np.random.Generator) -> None:
@@ -46,6 +48,17 @@ def test_few_ends_and_ends_without_a_pattern_have_the_mean(rng: np.random.Genera
         points, (_, rewards) = rng.normal(size=(10, 3)), two_kinds(rng, 10)
         functions += TerminalReward.fit(points, rewards, rewards, 2.0, 50).posterior is not None
     assert functions <= 1  # a pattern by chance
+
+
+@pytest.mark.parametrize(
+    ("count", "noise", "explained"), [(4, 0.0, False), (5, 0.0, True), (40, 15.0, True), (40, 22.0, False)]
+)
+def test_a_pattern_needs_five_ends_and_a_good_prediction(
+    rng: np.random.Generator, count: int, noise: float, explained: bool
+) -> None:
+    points = rng.normal(size=(count, 1)) if noise else np.linspace(-1.0, 1.0, count)[:, None]
+    extra = 50.0 * points[:, 0] + noise * rng.normal(size=count)  # errors of 0.51 and 0.68 of those of the mean
+    assert (TerminalReward.fit(points, extra, extra, 1.0, 50).posterior is not None) == explained
 
 
 def test_each_reward_depends_on_its_own_end_only(rng: np.random.Generator) -> None:
