@@ -16,13 +16,7 @@ from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
-from rkhs_ros.nodes.core.messages import (
-    LOCKSTEP_QOS,
-    batch_of,
-    describe,
-    observation_message,
-    show,
-)
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
 from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known, require_section
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
@@ -60,13 +54,11 @@ class SimulatorNode(ReportingNode):
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
         self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
         self._robot = self._make_robot_state() if shown else None
-        self._batch: Batch | None = None
+        self._batch: Batch | None = None  # that runs
         self._identity = 0
         self._step = 0
         self._version = 0
         self._timeout = 0.0  # seconds without an action; 0 for no limit
-        # Message of the batch, updated at each step; None without a running batch.
-        self._newest: Observation | None = None
         self._published_at = 0.0  # monotonic time, seconds
         self._observations = self.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._episodes = self.create_publisher(Episodes, "episodes", LOCKSTEP_QOS)
@@ -88,7 +80,7 @@ class SimulatorNode(ReportingNode):
             SilentError: the policy node did not act in time.
         """
         now = time.monotonic()
-        if self._newest is not None and 0 < self._timeout < now - self._published_at:
+        if self._batch is not None and 0 < self._timeout < now - self._published_at:
             raise SilentError(f"the policy node did not act within {self._timeout:g} s")
         return self.diagnostics.heartbeat()
 
@@ -137,22 +129,21 @@ class SimulatorNode(ReportingNode):
         if failure:
             self._fail(failure)
             return
-        self._publish(observation_message(self._identity, self._version, batch, 0, frame))
-        self._record(batch, frame)
+        self._publish(batch, frame)
 
     def _fail(self, reason: str) -> None:
         """End the batch."""
-        self._newest = None
+        self._batch = None
         self.diagnostics.stuck = reason
         self._episodes.publish(Episodes(batch=self._identity, policy_version=self._version, failure=reason))
 
     def _act(self, message: Action) -> None:
-        batch, observation = self._batch, self._newest
+        batch = self._batch
         awaited, got = (
             (self._identity, self._step, self._version),
             (message.batch, message.step, message.policy_version),
         )
-        if batch is None or observation is None or got != awaited:
+        if batch is None or got != awaited:
             names = "batch {}, step {}, policy version {}"
             self.diagnostics.skip(f"action: expected {names.format(*awaited)}, got {names.format(*got)}")
             return
@@ -165,23 +156,19 @@ class SimulatorNode(ReportingNode):
             self._fail(str(error))
             return
         self._step += 1
-        show(observation, self._step, frame)
-        self._publish(observation)
-        self._record(batch, frame, actions)
+        self._publish(batch, frame, actions)
         self.diagnostics.steps += 1
         if self._robot is not None:
             self._robot.publish()
 
-    def _publish(self, message: Observation) -> None:
-        self._observations.publish(message)
-        self._newest = None if message.over else message
-        self._published_at = time.monotonic()
-
-    def _record(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
-        """Record a step after publishing it, while the policy node computes.
+    def _publish(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
+        """Publish a step, and record it while the policy node computes.
 
         Batches with seeds of their own are not recorded; their client has all observations.
         """
+        self._observations.publish(observation_message(self._identity, self._version, batch, self._step, frame))
+        self._batch = None if frame.is_over else batch
+        self._published_at = time.monotonic()
         if self._recorder is None:
             return
         if actions is not None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import time
 from array import array
-from dataclasses import fields
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,22 +26,15 @@ LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, dura
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
 READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
 QUICK_S = 2e-5  # duration of a reading without preemption
-batch_fields = attrgetter(*(field.name for field in fields(Batch)))  # of a message
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
     """Return the simulator's message after ``step`` steps of a batch."""
-    message = msg.Observation(batch=identity, policy_version=version, **vars(batch))
-    show(message, step, frame)
-    return message
-
-
-def show(message: msg.Observation, step: int, frame: Frame) -> None:
-    """Update the message of a batch after ``step`` steps, which is faster than making a new one."""
-    message.step, message.over = step, frame.is_over
+    message = msg.Observation(batch=identity, policy_version=version, step=step, over=frame.is_over, **vars(batch))
     message.observations, message.rewards = doubles(frame.observations), doubles(frame.rewards)
     if not frame.is_whole:
         message.terminated, message.truncated = _indices_of(frame.terminated), _indices_of(frame.truncated)
+    return message
 
 
 def _indices_of(flags: ArrayLike) -> array[int]:

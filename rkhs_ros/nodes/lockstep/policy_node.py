@@ -4,92 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from builtin_interfaces.msg import Time
-
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
-from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_fields, batch_of, observations_of
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, observations_of
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import doubles, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.policies.streams import Batch
-
-
-class SimulatorTopics:
-    """The topics of the simulator: passes its observations to a session, and publishes the actions.
-
-    Owns the session. Reuses the batch of the last observation and the message of the last action, because making new
-    ones at each step takes longer.
-    """
-
-    def __init__(self, node: PolicyNode) -> None:
-        self._node = node
-        self.session = Session()
-        self._batch: Batch | None = None
-        self._batch_fields: tuple[object, ...] = ()
-        self._action = Action()
-        self._actions = node.create_publisher(Action, "action", LOCKSTEP_QOS)
-        node.create_subscription(ObservationMessage, "observation", self._observe, LOCKSTEP_QOS)
-
-    def _observe(self, message: ObservationMessage) -> None:
-        diagnostics = self._node.diagnostics
-        match self._reply(message):
-            case Answer() as answer:
-                self._publish(answer, message.stamp)
-                diagnostics.stuck = ""
-                diagnostics.steps += 1
-            case Ignored(reason):
-                diagnostics.skip(f"observation: {reason}")
-            case Failed(reason):
-                diagnostics.stuck = reason
-                failed = Action(batch=message.batch, policy_version=message.policy_version, step=message.step)
-                failed.failure = f"the policy cannot act: {reason}"
-                self._actions.publish(failed)
-
-    def _publish(self, answer: Answer, stamp: Time) -> None:
-        message = self._action
-        message.stamp = stamp
-        message.batch, message.policy_version, message.step = answer.identity, answer.version, answer.step
-        message.actions = doubles(answer.actions)
-        self._actions.publish(message)
-
-    def _reply(self, message: ObservationMessage) -> Reply:
-        try:
-            observation = self._observation_of(message)
-        except ValueError as error:
-            return Failed(str(error))
-        return self.session.answer(observation, self._node.served)
-
-    def _observation_of(self, message: ObservationMessage) -> Observation:
-        """Return the observation in a message.
-
-        Raises:
-            ValueError: the shape is wrong, a value is not finite, or a number is out of range.
-        """
-        received = batch_fields(message)
-        if self._batch is None or received != self._batch_fields:
-            self._batch, self._batch_fields = batch_of(message), received
-        batch = self._batch
-        return Observation(
-            identity=message.batch,
-            version=message.policy_version,
-            step=message.step,
-            batch=batch,
-            observations=observations_of(message, batch),
-            over=message.over,
-        )
 
 
 class PolicyNode(ReportingNode):
     """Serves a policy.
 
-    Owns the policy in service, from a learner or from a file; a policy from a file is never replaced. Owns no random
-    state: the exploration of an episode follows from the batch's seed.
+    Owns the policy in service, from a learner or from a file, and the session with the simulator; a policy from a file
+    is never replaced. Owns no random state: the exploration of an episode follows from the batch's seed.
     """
 
     def __init__(self) -> None:
@@ -101,20 +33,43 @@ class PolicyNode(ReportingNode):
         Raises:
             ValueError: an unknown parameter, or an invalid policy file.
         """
-        tree = given(self)
-        self.served = self._from_file(tree)
-        self._simulator = SimulatorTopics(self)
+        self._served = self._from_file(given(self))
+        self._session = Session()
+        self._actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)
+        self.create_subscription(ObservationMessage, "observation", self._observe, LOCKSTEP_QOS)
         self.diagnostics = Diagnostics(self, self._report)
         self.create_service(SetPolicy, "set_policy", self._set_policy)
-        source = "with the policy of a file, without exploration noise" if self.served else "for a learner's policy"
+        source = "with the policy of a file, without exploration noise" if self._served else "for a learner's policy"
         self.get_logger().info(f"ready {source}")
 
     def heartbeat(self) -> float:
         """Publish the status if due; return the seconds until the next one."""
         return self.diagnostics.heartbeat()
 
+    def _observe(self, message: ObservationMessage) -> None:
+        place = {"batch": message.batch, "policy_version": message.policy_version, "step": message.step}
+        match self._reply(message):
+            case Answer() as answer:
+                self._actions.publish(Action(stamp=message.stamp, actions=doubles(answer.actions), **place))
+                self.diagnostics.stuck = ""
+                self.diagnostics.steps += 1
+            case Ignored(reason):
+                self.diagnostics.skip(f"observation: {reason}")
+            case Failed(reason):
+                self.diagnostics.stuck = reason
+                self._actions.publish(Action(failure=f"the policy cannot act: {reason}", **place))
+
+    def _reply(self, message: ObservationMessage) -> Reply:
+        try:
+            batch = batch_of(message)
+            observations = observations_of(message, batch)
+        except ValueError as error:
+            return Failed(str(error))
+        numbers = message.batch, message.policy_version, message.step
+        return self._session.answer(Observation(*numbers, batch, observations, message.over), self._served)
+
     def _report(self) -> dict[str, object]:
-        last, version = self._simulator.session.last, self.served.version if self.served else 0
+        last, version = self._session.last, self._served.version if self._served else 0
         return {"serving version": version, "batch": last.identity if last else 0, "step": last.step if last else "-"}
 
     def _from_file(self, tree: dict[str, object]) -> ServedPolicy | None:
@@ -134,9 +89,9 @@ class PolicyNode(ReportingNode):
             response.message = "no simulator subscribes to the actions"
             return response
         with self.diagnostics.accepting(response, "set_policy"):
-            if self.served is not None and not self.served.explores:
+            if self._served is not None and not self._served.explores:
                 raise ValueError("policy: expected none from a learner, because this node serves the policy of a file")
-            self.served = ServedPolicy(policy_of(request.policy), request.policy.version)
+            self._served = ServedPolicy(policy_of(request.policy), request.policy.version)
         return response
 
 
