@@ -1,7 +1,7 @@
 """Simulator and policy node in one process, which communicate over topics without a network."""
 
 from rkhs_ros.base.endings import Stop
-from rkhs_ros.nodes.core.spin import open_node, run, serve_together
+from rkhs_ros.nodes.core.spin import open_node, run, serve
 from rkhs_ros.nodes.lockstep.policy_node import PolicyNode
 from sim_nodes.simulator_node import SimulatorNode
 
@@ -12,10 +12,10 @@ def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
     Raises:
         ValueError: a parameter of the policy node is unknown or invalid.
     """
-    policy = PolicyNode()
+    policy = PolicyNode("policy")
     try:
         open_node(policy)
-        serve_together([simulator, policy], stop)
+        serve(simulator, stop, policy)
     finally:
         policy.destroy_node()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
@@ -15,10 +14,9 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known, require_section
-from rkhs_ros.nodes.core.publishers import is_answered
+from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
@@ -39,8 +37,8 @@ class SimulatorNode(ReportingNode):
     batch ends with a message that says why.
     """
 
-    def __init__(self) -> None:
-        super().__init__("simulator")
+    def __init__(self, name: str = "simulator") -> None:
+        super().__init__(name)
         self._made = ExitStack()
 
     def open(self) -> None:
@@ -49,8 +47,7 @@ class SimulatorNode(ReportingNode):
         Raises:
             ValueError: an unknown parameter, or an unsupported environment.
         """
-        require_section(self.get_fully_qualified_name(), sys.argv)
-        tree = given(self)
+        tree = given(self, needs_section=True)
         shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
         self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
         self._robot = self._make_robot_state() if shown else None

@@ -21,9 +21,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from rkhs_interfaces.msg import GateState, LearningProgress
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, REPORT_PERIOD_S, TOPIC
+from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, PREFIX, REPORT_PERIOD_S, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.publishers import PREFIX
 from rkhs_ros.nodes.core.spin import PeerError
 from rkhs_ros.nodes.core.transport import using_udp
 

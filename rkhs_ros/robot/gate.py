@@ -21,8 +21,7 @@ from rkhs_ros.robot.gate_state import (
     Mode,
     Rules,
 )
-from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed
-from rkhs_ros.robot.motion import Setpoint, advance, rest_at
+from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed, Setpoint, advance, rest_at
 
 SAME = 1e-9  # commands are equal up to this relative difference
 MOST_PERIODS = 1000  # that a report looks ahead, so that it takes milliseconds at most

@@ -1,6 +1,5 @@
 """The node of a simulated robot, a process that behaves like hardware in real time."""
 
-import sys
 import time
 from math import inf
 from typing import Any
@@ -10,10 +9,9 @@ from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from rkhs_ros.base.settings import entries
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, rivals
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, now_by_both_clocks
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
-from rkhs_ros.nodes.core.publishers import rivals
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.hardware import Hardware, Sample
@@ -32,17 +30,13 @@ class SimulatedRobotNode(ReportingNode):
     triggers when a limit has already been exceeded, latches until it is reset, and is counted.
     """
 
-    def __init__(self) -> None:
-        super().__init__("simulated_robot")
-
     def open(self) -> None:
         """Create the robot and open its topics and services.
 
         Raises:
             ValueError: an unknown parameter, or an invalid value.
         """
-        require_section(self.get_fully_qualified_name(), sys.argv)
-        tree = given(self)
+        tree = given(self, needs_section=True)
         name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
         settings = settings_of(name, tree)
         declare(self, entries(settings))

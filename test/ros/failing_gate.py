@@ -8,7 +8,7 @@ from std_msgs.msg import String
 
 from rkhs_ros.nodes.core.spin import PeerError, run, serve
 from rkhs_ros.nodes.robot.gate_node import GateNode
-from rkhs_ros.robot.motion import Setpoint
+from rkhs_ros.robot.limits import Setpoint
 
 
 class FailingGate(GateNode):

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from rkhs_interfaces.msg import Action
+from rkhs_ros.nodes.core.diagnostics import OBSTACLE
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.publishers import OBSTACLE
 from test.ros.conftest import Probe, Process
 from test.ros.robot_bench import HORIZON, PERIOD, SECTION, SENSOR_PERIOD_S, Bench, drawn, write_section
 

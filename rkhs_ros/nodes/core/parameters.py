@@ -1,7 +1,8 @@
 """Settings as ROS parameters, with description and range, and the command line of a node, which names their files."""
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -26,43 +27,18 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
         ValueError: an argument is not for ROS, or a parameter file cannot be read.
         SystemExit: after printing the help.
     """
-    ours, ros = _split(arguments)
+    ours = list(takewhile(lambda word: word != "--ros-args", arguments))
     if {"-h", "--help"} & set(ours):
         print(USAGE.format(name))
         raise SystemExit(0)
     expected = f"ROS arguments such as '--ros-args --params-file {(ours or [''])[0]}'"
     require(not ours, "arguments", expected, " ".join(ours))
-    for file in _parameter_files(ros):
+    for file in _parameter_files(arguments):
         _sections(file)
 
 
-def require_section(node: str, arguments: Sequence[str]) -> None:
-    """Refuse to start if there are parameter files but none has a section for the node.
-
-    Raises:
-        ValueError: no parameter file has a section for the node.
-    """
-    files = _parameter_files(_split(arguments)[1])
-    if files and not any(is_for(section, node) for file in files for section in _sections(file)):
-        expected = f"expected a section '/**/{node.rpartition('/')[2]}'"
-        raise ValueError(f"no parameters for {node} in {', '.join(map(str, files))}: {expected}")
-
-
-def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Split arguments into those that are not for ROS, and those between ``--ros-args`` and ``--``, which are."""
-    ours: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for word in arguments:
-        if word == "--ros-args" or (inside and word == "--"):
-            inside = word == "--ros-args"
-        else:
-            (ros if inside else ours).append(word)
-    return ours, ros
-
-
-def _parameter_files(ros: Sequence[str]) -> list[Path]:
-    return [Path(file) for flag, file in pairwise(ros) if flag == "--params-file"]
+def _parameter_files(arguments: Sequence[str]) -> list[Path]:
+    return [Path(file) for flag, file in pairwise(arguments) if flag == "--params-file"]
 
 
 def _sections(file: Path) -> list[str]:
@@ -72,12 +48,19 @@ def _sections(file: Path) -> list[str]:
         raise ValueError(f"{file}: cannot read the parameter file: {error.strerror}") from error
 
 
-def given(node: Node) -> dict[str, Any]:
+def given(node: Node, *, needs_section: bool = False) -> dict[str, Any]:
     """Return the parameters with which a node was started as a tree, without those of every ROS node.
 
     The node must have been created with ``automatically_declare_parameters_from_overrides``, so that unknown names can
     be refused.
+
+    Raises:
+        ValueError: the node needs a section, and was started with parameter files, but none has a section for it.
     """
+    name, files = node.get_fully_qualified_name(), _parameter_files(sys.argv)
+    if needs_section and files and not any(is_for(section, name) for file in files for section in _sections(file)):
+        expected = f"expected a section '/**/{node.get_name()}'"
+        raise ValueError(f"no parameters for {name} in {', '.join(map(str, files))}: {expected}")
     tree: dict[str, Any] = {}
     for name, parameter in node.get_parameters_by_prefix("").items():
         if name.split(".")[0] in OF_EVERY_NODE:

@@ -10,7 +10,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, TypeVar
@@ -50,13 +50,10 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # SIGTSTP would suspend a node that others wait for
 CLOCK = "use_sim_time"
 SIGNAL_CHECK_S = 0.1  # between checks for a signal
-MOST_ENDING_S = (
-    10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end the process
-)
+MOST_ENDING_S = 10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end it
 RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
 LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
 ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 class PeerError(RunError):
@@ -138,17 +135,16 @@ class ReportingNode(Node):
         return True
 
 
-def serve(node: ReportingNode, stop: Stop) -> None:
-    """Handle a node's messages until `stop` is set."""
-    serve_together([node], stop)
+AnyNode = TypeVar("AnyNode", bound=ReportingNode)
 
 
-def serve_together(nodes: Sequence[ReportingNode], stop: Stop) -> None:
-    """Handle the messages of nodes that share a process until `stop` is set; an error of one ends all.
+def serve(node: ReportingNode, stop: Stop, *others: ReportingNode) -> None:
+    """Handle the messages of a node, and of others that share its process, until `stop` is set; an error ends all.
 
     In any case, each node first brings its robot to rest. Periodic work is done between messages rather than by timers
     of the executor: on a busy machine, 1 % of a gate's ticks were more than 3.5 ms late, with timers 16 ms.
     """
+    nodes = (node, *others)
     executor = EventsExecutor()
     with ExitStack() as reports:
         for node in nodes:
@@ -181,7 +177,7 @@ def _tried(do: Callable[[], object]) -> object:
         return None
 
 
-def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
+def run(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> None:
     """Run a node's process: make the node, run its work, and exit cleanly.
 
     Bad input prints one line and exits with 2. A failed environment or a full disk prints one line and exits with 1. A
@@ -191,7 +187,7 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, St
     a callback that is about to publish. SIGHUP is ignored under nohup.
 
     Args:
-        make_node: returns the node.
+        make_node: returns the node of that name.
         name: of the node.
         work: runs with the node until the event is set.
     """
@@ -199,15 +195,15 @@ def run(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, St
         sys.exit(_code_of(make_node, name, work))
 
 
-def _code_of(make_node: Callable[[], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
+def _code_of(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
     stop = Stop()
     _handle_signals(stop)
     code = 0
     try:
         _begin(name)
-        node = make_node()
+        node = make_node(name)
         try:
-            with one_thread() if isinstance(node, ReportingNode) else nullcontext():
+            with one_thread():
                 _work(node, work, stop)
         finally:
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -253,14 +249,12 @@ def _begin(name: str) -> None:
 
 def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
     try:
-        if isinstance(node, ReportingNode):
-            open_node(node)
+        open_node(node)
         gc.collect()
         gc.freeze()  # so that the collector does not traverse imported modules between messages
         work(node, stop)
     except (ValueError, RunError, OSError) as error:
-        if isinstance(node, ReportingNode):
-            node.log_fatal(str(error))
+        node.log_fatal(str(error))
         raise
 
 

@@ -1,7 +1,6 @@
 """The learner node: learns from episodes received over topics, and sends each policy to the policy node."""
 
 import json
-import sys
 import time
 from array import array
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.peers import Peers
 from rkhs_ros.nodes.core.spin import ReportingNode, run
 from rkhs_ros.nodes.lockstep.simulator_link import ROBOT, SIMULATOR
@@ -106,17 +105,13 @@ class LearnerNode(ReportingNode):
     Owns the settings of the run. Its runner collects the episodes; the run folder holds the results.
     """
 
-    def __init__(self) -> None:
-        super().__init__("learner")
-
     def open(self) -> None:
         """Declare the parameters and open topics and services.
 
         Raises:
             ValueError: an unknown parameter, or an invalid value.
         """
-        require_section(self.get_fully_qualified_name(), sys.argv)
-        tree = given(self)
+        tree = given(self, needs_section=True)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
         self.resume = declared(self, tree, "resume", False, "resume the run in the output folder, if there is one")
@@ -126,7 +121,7 @@ class LearnerNode(ReportingNode):
         self.evaluate = declared(self, tree, "evaluate", "", about)
         self.environment = self._environment_from(tree)
         self.training = training_from(tree)
-        declare(self, (entry for entry in entries(self.training) if entry.value != ()))
+        declare(self, entries(self.training))
         self.diagnostics = Diagnostics(self, lambda: self.runner.report())
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR

@@ -7,10 +7,9 @@ from pathlib import Path
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, observations_of
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
-from rkhs_ros.nodes.core.publishers import is_answered
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import doubles, policy_of
 from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
@@ -23,9 +22,6 @@ class PolicyNode(ReportingNode):
     Owns the policy in service, from a learner or from a file, and the session with the simulator; a policy from a file
     is never replaced. Owns no random state: the exploration of an episode follows from the batch's seed.
     """
-
-    def __init__(self) -> None:
-        super().__init__("policy")
 
     def open(self) -> None:
         """Declare the parameters and open topics and service.

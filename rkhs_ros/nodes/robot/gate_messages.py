@@ -18,14 +18,13 @@ from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
+from rkhs_ros.nodes.core.diagnostics import full_name
 from rkhs_ros.nodes.core.messages import now_by_both_clocks
-from rkhs_ros.nodes.core.publishers import full_name
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOAT, FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
 from rkhs_ros.robot.gate_state import Command, CommandReport, Gate, Publishers, StopRequests
-from rkhs_ros.robot.limits import Limits, Sensed
-from rkhs_ros.robot.motion import Setpoint, braking
+from rkhs_ros.robot.limits import Limits, Sensed, Setpoint, braking
 from rkhs_ros.robot.sensors import missing_joints
 
 MOST_POINTS = 10  # in a trajectory message; one is sent every period
@@ -54,35 +53,23 @@ def command_of(message: msg.Command) -> Command:
     return Command(message.instance, message.number, seconds_of(message.stamp), values)
 
 
-class JointStates:
-    """Extracts the joints of a gate from JointState messages.
+def sensed_of(message: JointState, joints: Sequence[str]) -> Sensed:
+    """Return the state of joints in a message; fields that it omits are nan.
 
-    Owns the positions of the joints in the last message.
+    Raises:
+        ValueError: a joint is missing.
     """
-
-    def __init__(self, joints: Sequence[str]) -> None:
-        self._joints = list(joints)
-        self._names: list[str] = []
-        self._places = np.zeros(0, dtype=np.intp)
-
-    def sensed_of(self, message: JointState) -> Sensed:
-        """Return the state of the joints in a message; fields that it omits are nan.
-
-        Raises:
-            ValueError: a joint is missing.
-        """
-        if message.name != self._names:
-            if missing := missing_joints(self._joints, message.name):
-                raise ValueError(missing)
-            self._names = list(message.name)
-            self._places = np.array([self._names.index(joint) for joint in self._joints])
-        fields = (self._picked(values) for values in (message.position, message.velocity, message.effort))
-        return Sensed(seconds_of(message.header.stamp), *fields)
-
-    def _picked(self, values: Any) -> Array:
-        if len(values) != len(self._names):
-            return np.full(len(self._joints), np.nan)
-        return np.array(values, dtype=np.float64)[self._places]
+    names = list(message.name)
+    if missing := missing_joints(joints, names):
+        raise ValueError(missing)
+    places = [names.index(joint) for joint in joints]
+    return Sensed(
+        seconds_of(message.header.stamp),
+        *(
+            np.array(values)[places] if len(values) == len(names) else np.full(len(joints), np.nan)
+            for values in (message.position, message.velocity, message.effort)
+        ),
+    )
 
 
 def report_message(command: msg.Command, report: CommandReport) -> msg.GateReport:

@@ -1,6 +1,5 @@
 """The gate node: the only node that commands the hardware; it enforces limits and stops the robot on faults."""
 
-import sys
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -15,18 +14,17 @@ from std_srvs.srv import Trigger
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import OBSTACLE, PREFIX, UNKNOWN, Diagnostics, Source, full_name, listed
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
-from rkhs_ros.nodes.core.parameters import declare, given, require_section
-from rkhs_ros.nodes.core.publishers import OBSTACLE, PREFIX, UNKNOWN, Source, full_name, listed
+from rkhs_ros.nodes.core.parameters import declare, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,
-    JointStates,
     StopTopics,
     command_of,
     hardware_message,
     report_message,
+    sensed_of,
     state_message,
 )
 from rkhs_ros.robot.gate import (
@@ -43,7 +41,7 @@ from rkhs_ros.robot.gate import (
 )
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
-from rkhs_ros.robot.motion import Setpoint
+from rkhs_ros.robot.limits import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
@@ -88,24 +86,19 @@ class GateNode(ReportingNode):
     an operator arms it, unless its robot is simulated and the settings say so.
     """
 
-    def __init__(self) -> None:
-        super().__init__("gate")
-
     def open(self) -> None:
         """Declare the parameters and open topics and services.
 
         Raises:
             ValueError: an unknown parameter, or missing or inconsistent limits.
         """
-        require_section(self.get_fully_qualified_name(), sys.argv)
-        tree = given(self)
+        tree = given(self, needs_section=True)
         self._settings = build(GateSettings, tree)
         self._rules = rules(self._settings)
-        declare(self, (entry for entry in entries(self._settings) if entry.value != ()))
+        declare(self, entries(self._settings))
         self._state = begin(self._rules)
         self._published: tuple[Mode, str, Counts] | None = None
         self._loop = Loop(self._settings.period)
-        self._joints = JointStates(self._settings.joints)
         self._failures = 0  # of the last ticks, before their output was sent
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
         self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
@@ -205,7 +198,7 @@ class GateNode(ReportingNode):
         now = time.monotonic()
         source.hear()
         try:
-            news = self._joints.sensed_of(message)
+            news = sensed_of(message, self._settings.joints)
         except ValueError as error:  # for example from a robot whose arms publish separately
             self._flaw = str(error)
             self.diagnostics.skip(f"joint state: {error}")

@@ -1,6 +1,5 @@
 """The robot node: runs episodes on a robot over its own topics, with steps timed by the wall clock."""
 
-import sys
 import time
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,10 +15,9 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes as EpisodeValues
 from rkhs_ros.learning.episodes import Execution
 from rkhs_ros.learning.messages import episodes_message
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_section
-from rkhs_ros.nodes.core.publishers import is_answered
+from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.messages import spaces_fields
@@ -46,21 +44,17 @@ class RobotNode(ReportingNode):
     to the gate, never directly to the hardware.
     """
 
-    def __init__(self) -> None:
-        super().__init__("robot")
-
     def open(self) -> None:
         """Read the task, and open topics and services.
 
         Raises:
             ValueError: an unknown parameter, an invalid value, or an unknown message type.
         """
-        require_section(self.get_fully_qualified_name(), sys.argv)
-        tree = given(self)
+        tree = given(self, needs_section=True)
         about = "end protective stops automatically, for simulated robots whose gate arms itself only"
         simulated = declared(self, tree, "simulated", False, about)
         self._task = robot_task_from(tree)
-        declare(self, (entry for entry in self._task.entries() if entry.value != ()))
+        declare(self, self._task.entries())
         self._request = StartEpisodes.Request()  # the newest one
         self._held: Finished | None = None  # a completed episode that may still be vetoed
         self._held_until = 0.0  # monotonic time, seconds

@@ -2,7 +2,7 @@
 
 import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,8 +14,8 @@ from rclpy.validate_topic_name import validate_topic_name
 from std_msgs.msg import String
 
 from rkhs_ros.base.validation import require, truncated
+from rkhs_ros.nodes.core.diagnostics import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.publishers import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.spin import in_one_line
 from rkhs_ros.robot.gate_settings import GateSettings
 from rkhs_ros.robot.reset import STEPS
@@ -33,12 +33,16 @@ class Use(NamedTuple):
     Attributes:
         name: of the purpose, from the settings.
         topic: its name.
+        type: of its messages.
+        fields: the fields that are read, by path.
         read: reads a message; raises SensingError if it is unusable.
         is_needed: whether the topic must be usable before the robot may move.
     """
 
     name: str
     topic: str
+    type: str
+    fields: Sequence[str]
     read: Callable[[Any], object]
     is_needed: bool = True
 
@@ -55,11 +59,10 @@ class SensorTopics:
     """
 
     def __init__(self, node: Node, task: RobotTask) -> None:
-        self._types = check_fields(task)
         self._uses = list(_uses(task))
+        self._types = _types(self._uses)
         self._newest: dict[str, tuple[bytes, float]] = {}
-        kinds = topics_of(task)
-        self._sources = {topic: Source(node, topic, kind, task.stale_after) for topic, kind in kinds.items()}
+        self._sources = {use.topic: Source(node, use.topic, use.type, task.stale_after) for use in self._uses}
         for topic, kind in self._types.items():
             node.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS, raw=True)
         self._obstacles = node.create_publisher(String, OBSTACLE, LATCHED_QOS)
@@ -110,11 +113,29 @@ class SensorTopics:
 def _uses(task: RobotTask) -> Iterator[Use]:
     """Yield the uses of a task's topics."""
     reward, home = task.reward, task.reset.home
-    yield from (Use(f"sensor {name}", sensor.topic, sensor.numbers) for name, sensor in task.sensors)
+    for name, each in task.sensors:
+        yield Use(f"sensor {name}", each.topic, each.type, each.fields, each.numbers)
     if STEPS[0] in task.reset.steps:
-        yield Use("reset.home", home.topic, home.joints_in)
+        yield Use("reset.home", home.topic, JOINT_STATE, (), home.joints_in)
     if reward.topic:
-        yield Use("reward", reward.topic, lambda message: field_values(message, reward.field), is_needed=False)
+        read = partial(field_values, path=reward.field)
+        yield Use("reward", reward.topic, reward.type, (reward.field,), read, is_needed=False)
+
+
+def _types(uses: Iterable[Use]) -> dict[str, Any]:
+    """Return the message classes of topics.
+
+    Raises:
+        ValueError: a type is unknown or has no such field, or a topic has two types.
+    """
+    types: dict[str, Any] = {}
+    for use in uses:
+        kind = _message_type(use.type)
+        known = types.setdefault(use.topic, kind)
+        require(known is kind, f"topic {use.topic}", f"one type, {known.__name__}", use.type)
+        for field in use.fields:
+            check_field(kind(), field)
+    return types
 
 
 def check_topics(task: RobotTask, gate: GateSettings) -> None:
@@ -128,7 +149,7 @@ def check_topics(task: RobotTask, gate: GateSettings) -> None:
             validate_topic_name(name)
         except NameValidationException as error:
             raise ValueError(f"{setting}: {in_one_line(error)}") from error
-    check_fields(task)
+    _types(_uses(task))
 
 
 def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
@@ -144,39 +165,7 @@ def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
     yield from ((setting, name) for setting, name in names.items() if name)
 
 
-def check_fields(task: RobotTask) -> dict[str, Any]:
-    """Return the message classes of all topics that a task reads, by topic.
-
-    Raises:
-        ValueError: a type is unknown or has no such field, or a topic has two types.
-    """
-    types = {topic: message_type(name) for topic, name in topics_of(task).items()}
-    fields = [(sensor.topic, field) for _, sensor in task.sensors for field in sensor.fields]
-    if task.reward.topic:
-        fields.append((task.reward.topic, task.reward.field))
-    for topic, field in fields:
-        check_field(types[topic](), field)
-    return types
-
-
-def topics_of(task: RobotTask) -> dict[str, str]:
-    """Return the type names of all topics that a task reads, by topic.
-
-    Raises:
-        ValueError: a topic has two types.
-    """
-    wanted = [(sensor.topic, sensor.type) for _, sensor in task.sensors]
-    if task.reward.topic:
-        wanted.append((task.reward.topic, task.reward.type))
-    if STEPS[0] in task.reset.steps:
-        wanted.append((task.reset.home.topic, JOINT_STATE))
-    types = dict(wanted)
-    for topic, name in wanted:
-        require(types[topic] == name, f"topic {topic}", f"one type, {types[topic]}", name)
-    return types
-
-
-def message_type(name: str) -> Any:
+def _message_type(name: str) -> Any:
     """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
 
     Raises:

@@ -8,8 +8,7 @@ import pytest
 
 from rkhs_ros.robot.gate import is_at_rest, leave, stopped_by_operator
 from rkhs_ros.robot.gate_state import Flags, Mode
-from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
-from rkhs_ros.robot.motion import braking
+from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY, braking
 from test.unit.robot.gate_streams import PERIOD, World, rules_of
 
 over_kinds = pytest.mark.parametrize("kind", KINDS)

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rkhs_ros.robot.gate_state import Mode, Rules
-from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY
-from rkhs_ros.robot.motion import advance, rest_at
+from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY, advance, rest_at
 from test.unit.robot.gate_streams import NASTY, PERIOD, World, play, rules_of
 
 pytestmark = pytest.mark.slow
