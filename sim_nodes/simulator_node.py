@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces import msg
@@ -16,7 +15,7 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
-from rkhs_ros.nodes.core.parameters import declare, declared, given, require_known
+from rkhs_ros.nodes.core.parameters import declare, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import matrix
 from rkhs_ros.policies.streams import Batch
@@ -24,9 +23,6 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.inline_runner import EpisodeRecorder
 from rkhs_ros.rollouts.simulation import Frame, Simulation
 from rkhs_ros.runs.config import environment_from
-
-if TYPE_CHECKING:
-    from rkhs_ros.nodes.robot.robot_state import RobotState
 
 
 class SimulatorNode(ReportingNode):
@@ -48,9 +44,7 @@ class SimulatorNode(ReportingNode):
             ValueError: an unknown parameter, or an unsupported environment.
         """
         tree = given(self, needs_section=True)
-        shown = declared(self, tree, "robot_state", False, "publish joint_states and robot_description for viewers")
         self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
-        self._robot = self._make_robot_state() if shown else None
         self._batch: Batch | None = None  # that runs
         self._identity = 0
         self._step = 0
@@ -86,13 +80,6 @@ class SimulatorNode(ReportingNode):
         environment = environment_from(tree.get("environment", {}))
         declare(self, environment.entries())
         return Simulation(environment.id, environment.options, environment.num_envs)
-
-    def _make_robot_state(self) -> RobotState:
-        try:
-            from rkhs_ros.nodes.robot.robot_state import RobotState
-        except ImportError as error:
-            raise ValueError(f"robot_state: expected the packages sensor_msgs and std_msgs, got: {error}") from error
-        return RobotState(self, self._simulation)
 
     def _report(self) -> dict[str, object]:
         return {"serving version": self._version, "batch": self._identity, "step": self._step}
@@ -155,8 +142,6 @@ class SimulatorNode(ReportingNode):
         self._step += 1
         self._publish(batch, frame, actions)
         self.diagnostics.steps += 1
-        if self._robot is not None:
-            self._robot.publish()
 
     def _publish(self, batch: Batch, frame: Frame, actions: Array | None = None) -> None:
         """Publish a step, and record it while the policy node computes.

@@ -1,7 +1,8 @@
 """The settings of a gate, and the rules derived from them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, MOST, POSITION, VELOCITY, Limits, SensedLimits
-from rkhs_ros.robot.urdf import JointLimit, located, read_limits
+from rkhs_ros.robot.urdf import located, read_limits
 
 FLOAT, FLOATS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -19,6 +20,8 @@ KINDS_OF = {FLOATS: KINDS, FLOAT: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCI
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
 OWN_TOPICS = ("command", "robot/obstacle", "gate/report", "gate/state")  # of every gate
+LIMITS = ("minimum", "maximum", "velocity", "acceleration", "step")
+SENSED_LIMITS = ("minimum", "maximum", "velocity", "effort")
 LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; the launcher waits this long
 
 
@@ -160,12 +163,15 @@ def rules(settings: GateSettings) -> Rules:
     require(bool(settings.joints), "joints", "the names of the joints", "none")
     require(bool(settings.command.topic), "command.topic", "the topic on which the hardware receives commands", "none")
     require_own_topic(settings, str)
-    limits = read_limits(located(settings.limits.urdf), settings.joints) if settings.limits.urdf else []
+    commands, sensed = _urdf_limits(settings)
     return Rules(
-        _limits(settings, limits),
-        _sensed_limits(settings, limits),
-        _gains(settings, "stiffness"),
-        _gains(settings, "damping"),
+        Limits(
+            settings.command.kind,
+            **{name: _tightest(settings, f"limits.{name}", commands.get(name)) for name in LIMITS},
+        ),
+        SensedLimits(**{name: _tightest(settings, f"sensed.{name}", sensed.get(name)) for name in SENSED_LIMITS}),
+        _gains(settings, "hold.stiffness"),
+        _gains(settings, "hold.damping"),
         settings.command_timeout,
         settings.stale_after if settings.sensor.topic else np.inf,
         settings.period,
@@ -190,69 +196,43 @@ def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) ->
     require(resolved(topic) not in taken, "command.topic", expected, topic)
 
 
-def _limits(settings: GateSettings, urdf: Sequence[JointLimit]) -> Limits:
-    """Return the limits of commands; a URDF may provide some."""
-    from_urdf: dict[str, list[float]] = {}
-    if settings.command.kind == POSITION:
-        from_urdf = {
-            "minimum": [joint.lower for joint in urdf],
-            "maximum": [joint.upper for joint in urdf],
-            "velocity": [joint.velocity for joint in urdf],
-        }
-    else:
-        most = [joint.velocity if settings.command.kind == VELOCITY else joint.effort for joint in urdf]
-        from_urdf = {"minimum": [-limit for limit in most], "maximum": most}
-    values = {
-        name: _tightest(getattr(settings.limits, name), from_urdf.get(name, []), settings, f"limits.{name}")
-        for name in ("minimum", "maximum", "velocity", "acceleration", "step")
-    }
-    return Limits(settings.command.kind, **values)
+def _urdf_limits(settings: GateSettings) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the URDF's limits of commands, and those of sensed states that do not bound the commands themselves."""
+    if not settings.limits.urdf:
+        return {}, {}
+    lower, upper, velocity, effort = read_limits(located(settings.limits.urdf), settings.joints)
+    positions = {"minimum": lower, "maximum": upper}
+    match settings.command.kind:
+        case "position":
+            return positions | {"velocity": velocity}, {}
+        case "velocity":
+            return {"minimum": -velocity, "maximum": velocity}, positions if settings.sensor.topic else {}
+        case _:
+            return {"minimum": -effort, "maximum": effort}, positions | {"velocity": velocity}
 
 
-def _sensed_limits(settings: GateSettings, urdf: Sequence[JointLimit]) -> SensedLimits:
-    """Return the limits of sensed states; a URDF provides those that do not bound the commands themselves."""
-    from_urdf: dict[str, list[float]] = {}
-    if settings.command.kind != POSITION and settings.sensor.topic:
-        from_urdf = {"minimum": [joint.lower for joint in urdf], "maximum": [joint.upper for joint in urdf]}
-    if settings.command.kind == EFFORT:
-        from_urdf["velocity"] = [joint.velocity for joint in urdf]
-    values = {
-        name: _tightest(getattr(settings.sensed, name), from_urdf.get(name, []), settings, f"sensed.{name}")
-        for name in ("minimum", "maximum", "velocity", "effort")
-    }
-    return SensedLimits(**values)
-
-
-def _tightest(given: Numbers, from_urdf: Sequence[float], settings: GateSettings, name: str) -> Array:
-    """Return a limit for each joint, from the settings, else from the URDF, else infinity.
-
-    Raises:
-        ValueError: the number of limits is wrong, or a setting is wider than the URDF's limit.
-    """
-    sign = -1.0 if name.endswith("minimum") else 1.0
-    widest = np.array(from_urdf) if from_urdf else np.full(len(settings.joints), sign * np.inf)
+def _tightest(settings: GateSettings, name: str, urdf: Array | None) -> Array:
+    """Return a limit for each joint, from the settings, else from the URDF, else infinity."""
+    given, sign = attrgetter(name)(settings), -1.0 if name.endswith("minimum") else 1.0
+    widest = np.full(len(settings.joints), sign * np.inf) if urdf is None else urdf
     if not given:
         return widest
-    values = _for_each(given, settings, name)
+    values = _for_each(settings, name)
     good = bool((sign * values <= sign * widest).all())
     require(good, name, f"limits no wider than the URDF's, {widest}", values)
     return values
 
 
-def _for_each(given: Numbers, settings: GateSettings, name: str) -> Array:
+def _gains(settings: GateSettings, name: str) -> Array:
+    """Return the gains of joints that hold by effort, which are required; zeros for other commands."""
+    given, is_effort = attrgetter(name)(settings), settings.command.kind == EFFORT
+    expected = "gains (required for effort commands)" if is_effort else "none (used for effort commands only)"
+    require(bool(given) == is_effort, name, expected, given)
+    return _for_each(settings, name) if given else np.zeros(len(settings.joints))
+
+
+def _for_each(settings: GateSettings, name: str) -> Array:
     """Return a number for each joint; a single one is broadcast."""
-    joints = len(settings.joints)
+    given, joints = attrgetter(name)(settings), len(settings.joints)
     require(len(given) in (1, joints), name, numbers(1, joints), len(given))
     return np.broadcast_to(given, joints).astype(np.float64)
-
-
-def _gains(settings: GateSettings, name: str) -> Array:
-    """Return the gains of joints that hold by effort; zeros for other commands.
-
-    Raises:
-        ValueError: the gains are missing, their number is wrong, or the commands are not efforts.
-    """
-    given, is_effort = getattr(settings.hold, name), settings.command.kind == EFFORT
-    expected = "gains (required for effort commands)" if is_effort else "none (used for effort commands only)"
-    require(bool(given) == is_effort, f"hold.{name}", expected, given)
-    return _for_each(given, settings, f"hold.{name}") if given else np.zeros(len(settings.joints))

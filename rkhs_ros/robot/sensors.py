@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -30,6 +29,7 @@ UNITS_OF_VECTORS = {
 PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # part of a path: name, name[2] or name[0:3]
 TYPE = re.compile(r"[a-z]\w*/msg/[A-Z]\w*")
 MOST_NUMBERS = 1000  # per field
+Part = tuple[str, range | None]  # an attribute, and its selected entries; None selects the whole attribute
 
 
 class SensingError(Exception):
@@ -46,18 +46,6 @@ class ReceivedMessage(NamedTuple):
 
     message: Any
     at: float
-
-
-class Part(NamedTuple):
-    """One part of a field's path, such as ``name`` or ``name[0:3]``.
-
-    Attributes:
-        name: attribute of the message.
-        entries: selected entries of the attribute; None selects the whole attribute.
-    """
-
-    name: str
-    entries: range | None
 
 
 @dataclass(frozen=True)
@@ -134,34 +122,32 @@ def parts_of(path: str) -> list[Part]:
     """
     found = [PART.fullmatch(part) for part in path.split(".")]
     require(all(found), "field", "a path such as linear.x, data[2] or data[0:3]", repr(path))
-    parts = [_part(match) for match in found if match]
-    good = all(part.entries is None or len(part.entries) == 1 for part in parts[:-1])
+    parts = [(match[1], _entries(match)) for match in found if match]
+    good = all(entries is None or len(entries) == 1 for _, entries in parts[:-1])
     require(good and 1 <= _size(parts) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(path))
     return parts
 
 
-def _part(match: re.Match[str]) -> Part:
-    name, first, end = match.groups()
-    if first is None:
-        return Part(name, None)
-    return Part(name, range(int(first), int(first) + 1 if end is None else int(end)))
+def _entries(match: re.Match[str]) -> range | None:
+    _, first, end = match.groups()
+    return None if first is None else range(int(first), int(first) + 1 if end is None else int(end))
 
 
 def _unit_of(parts: list[Part]) -> str:
     """Return the unit of a field, by the names that standard messages use; empty if unknown."""
-    return next((UNITS_OF_VECTORS[part.name] for part in parts if part.name in UNITS_OF_VECTORS), "")
+    return next((UNITS_OF_VECTORS[name] for name, _ in parts if name in UNITS_OF_VECTORS), "")
 
 
 def _paths(field: str) -> list[str]:
     """Return the last two parts of the path of each value in a field."""
     *way, last = field.split(".")[-2:]
-    (part,) = parts_of(last)
-    ends = [last] if part.entries is None else [f"{part.name}[{entry}]" for entry in part.entries]
+    ((name, entries),) = parts_of(last)
+    ends = [last] if entries is None else [f"{name}[{entry}]" for entry in entries]
     return [".".join([*way, end]) for end in ends]
 
 
 def _size(parts: list[Part]) -> int:
-    entries = parts[-1].entries
+    entries = parts[-1][1]
     return 1 if entries is None else len(entries)
 
 
@@ -175,13 +161,12 @@ def check_field(message: Any, path: str) -> None:
     Raises:
         ValueError: the field does not exist.
     """
-    for part in parts_of(path):
-        names = [name.lstrip("_") for name in getattr(message, "__slots__", ())]
-        known = dict.fromkeys(name for name in names if name != "check_fields")
-        if not hasattr(message, part.name):
-            raise ValueError(f"unknown field '{path}' of {type(message).__name__}, {hint(part.name, known)}")
-        message = getattr(message, part.name)
-        if part.entries is not None:
+    for name, entries in parts_of(path):
+        known = [slot.lstrip("_") for slot in getattr(message, "__slots__", ()) if slot != "_check_fields"]
+        if not hasattr(message, name):
+            raise ValueError(f"unknown field '{path}' of {type(message).__name__}, {hint(name, dict.fromkeys(known))}")
+        message = getattr(message, name)
+        if entries is not None:
             return  # an empty message has no entries to check
 
 
@@ -191,19 +176,14 @@ def field_values(message: Any, path: str) -> list[float]:
     Raises:
         SensingError: the field is missing, or not a number.
     """
-    *way, last = parts_of(path)
+    *way, (last, entries) = parts_of(path)
     try:
-        holder = reduce(_followed, way, message)
-        value = getattr(holder, last.name)
-        chosen = [value] if last.entries is None else [value[entry] for entry in last.entries]
-        return [float(each) for each in chosen]
+        for name, place in way:
+            message = getattr(message, name) if place is None else getattr(message, name)[place[0]]
+        value = getattr(message, last)
+        return [float(each) for each in ([value] if entries is None else [value[k] for k in entries])]
     except (AttributeError, IndexError, TypeError, ValueError) as error:
         raise SensingError(f"{path}: expected a number, got {type(error).__name__}: {truncated(error)}") from error
-
-
-def _followed(message: Any, part: Part) -> Any:
-    value = getattr(message, part.name)
-    return value if part.entries is None else value[part.entries[0]]
 
 
 def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[float]:

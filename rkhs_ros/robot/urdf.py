@@ -4,25 +4,16 @@ import os
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import pick, require
+from rkhs_ros.rkhs.kernels import Array
 
 ROTATES_FREELY = "continuous"  # type of joints without a range
 PACKAGE = "package://"  # prefix of a file in a package
-
-
-class JointLimit(NamedTuple):
-    """The limits of a joint: range of its position, greatest velocity and effort; infinity means no limit."""
-
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
 
 
 def located(name: str) -> Path:
@@ -61,10 +52,10 @@ def read_urdf(file: Path) -> ElementTree.Element:
     return root
 
 
-def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
-    """Return the limits of joints in a URDF.
+def read_limits(file: Path, joints: Iterable[str]) -> tuple[Array, Array, Array, Array]:
+    """Return the limits of joints in a URDF: lower and upper positions, velocities and efforts, each (joints,).
 
-    An omitted range is 0, as the URDF specification says; a continuous joint has no range.
+    An omitted range is 0, as the URDF specification says; a continuous joint has no range, infinity means no limit.
 
     Args:
         file: the URDF; xacro is not expanded.
@@ -74,18 +65,19 @@ def read_limits(file: Path, joints: Iterable[str]) -> list[JointLimit]:
         ValueError: the file is not a URDF, or a joint is missing or has no limits.
         OSError: the file cannot be read.
     """
-    root = read_urdf(file)
-    elements = {element.get("name", ""): element for element in root.findall("joint")}
-    return [_limit(pick(name, elements, f"joint of {file}"), f"{file}: joint '{name}'") for name in joints]
+    elements = {element.get("name", ""): element for element in read_urdf(file).findall("joint")}
+    limits = [_limits(pick(name, elements, f"joint of {file}"), f"{file}: joint '{name}'") for name in joints]
+    lower, upper, velocity, effort = np.array(limits).T
+    return lower, upper, velocity, effort
 
 
-def _limit(joint: ElementTree.Element, what: str) -> JointLimit:
+def _limits(joint: ElementTree.Element, what: str) -> list[float]:
     limit = joint.find("limit")
     if limit is None:
         raise ValueError(f"{what}: expected a limit, got none")
     frees = joint.get("type") == ROTATES_FREELY
-    lower, upper = (-np.inf, np.inf) if frees else (_number(limit, name, what) for name in ("lower", "upper"))
-    return JointLimit(lower, upper, _number(limit, "velocity", what), _number(limit, "effort", what))
+    positions = [-np.inf, np.inf] if frees else [_number(limit, name, what) for name in ("lower", "upper")]
+    return [*positions, _number(limit, "velocity", what), _number(limit, "effort", what)]
 
 
 def _number(limit: ElementTree.Element, name: str, what: str) -> float:

@@ -21,7 +21,6 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.env_batch import AnyEnv, AnyVectorEnv, Flags
 from rkhs_ros.rollouts.environments import Source, env_batch_of, name_of, options_of, time_limit
-from rkhs_ros.rollouts.visualization import HasRobot, JointStates
 
 Answer = TypeVar("Answer")
 STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, by priority
@@ -202,14 +201,6 @@ class Simulation:
 
     def _moment(self) -> str:
         return f"in step {self._step}" if self._step else "after its reset"
-
-    def joint_states(self) -> JointStates | None:
-        """Return the motion of the robot in the first environment during the last step; None if there is none."""
-        return self.shown.joint_states() if isinstance(self.shown, HasRobot) else None
-
-    def robot_description(self) -> str | None:
-        """Return the URDF of the robot; None for a task without a robot."""
-        return self.shown.robot_description() if isinstance(self.shown, HasRobot) else None
 
 
 def _where_active(before: Frame, frame: Frame) -> Frame:

@@ -6,34 +6,6 @@ from typing import Protocol, runtime_checkable
 from rkhs_ros.rkhs.kernels import Array
 
 
-class JointStates(Protocol):
-    """Motion of a robot's joints.
-
-    Attributes:
-        names: names of the joints.
-        positions: sequence of positions in radians or metres, shape (k, joints).
-        period: time between two positions, in seconds.
-    """
-
-    @property
-    def names(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def positions(self) -> Array: ...  # noqa: D102
-    @property
-    def period(self) -> float: ...  # noqa: D102
-
-
-@runtime_checkable
-class HasRobot(Protocol):
-    """Task that may have a robot."""
-
-    def joint_states(self) -> JointStates | None:
-        """Return the motion of the robot in the first environment during the last step; None if there is none."""
-
-    def robot_description(self) -> str | None:
-        """Return the URDF of the robot; None for a task without a robot."""
-
-
 class Body(Protocol):
     """A visible rigid body.
 

@@ -19,7 +19,7 @@ MOST_ENVS = 10_000
 # Parameters of each node that are not settings of a run.
 OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"}
 NODE_PARAMETERS = {
-    "simulator": OF_ANY_NODE | {"robot_state"},
+    "simulator": OF_ANY_NODE,
     "robot": OF_ANY_NODE | {"simulated"},
     "gate": OF_ANY_NODE,
     "simulated_robot": OF_ANY_NODE,

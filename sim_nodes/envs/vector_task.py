@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -21,20 +21,6 @@ NEVER = -1  # is no number of steps
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
     """Clip values to bounds; several times faster than `numpy.clip` on few values."""
     return np.minimum(np.maximum(values, low), high)
-
-
-class JointStates(NamedTuple):
-    """A motion of a robot's joints.
-
-    Attributes:
-        names: of the joints.
-        positions: in radians or metres, shape (k, joints).
-        period: seconds between successive positions.
-    """
-
-    names: tuple[str, ...]
-    positions: Array
-    period: float
 
 
 def wrapped(angle: Array) -> Array:
@@ -121,14 +107,6 @@ class VectorTask(VectorEnv[Array, Array, Any]):
             noise: standard normal draws, shape (num_envs, observation_noise_dim).
         """
         return states.copy()
-
-    def joint_states(self) -> JointStates | None:
-        """Return the robot's motion in the last step of the first environment; None if there is none."""
-        return None
-
-    def robot_description(self) -> str | None:
-        """Return the robot's URDF; None if there is no robot."""
-        return None
 
     @property
     def states(self) -> Array:

@@ -8,7 +8,7 @@ from gymnasium.spaces import Box
 
 from sim_nodes.envs.drawn_task import DrawnTask
 from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels, quaternions
-from sim_nodes.envs.vector_task import Array, JointStates, SingleTask, clip
+from sim_nodes.envs.vector_task import Array, SingleTask, clip
 from sim_nodes.pr2.description import DOOR, PR2, rotation_about
 from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, adapted, demonstration, finger_angle
 from sim_nodes.pr2.world import HINGE_NAMES, JOINT_NAMES, OPENED, Trajectory, World
@@ -161,15 +161,6 @@ class PR2Door(DrawnTask):
         if self._world is not None:
             self._world.close()
         self._world = None
-
-    def joint_states(self) -> JointStates | None:
-        """Return the motion of the joints in the first environment; None before it, or if the arm cannot reach."""
-        trajectory = self.outcomes[0].trajectory if self.outcomes and self._steps[0] else None
-        return None if trajectory is None else JointStates(JOINT_NAMES, trajectory.positions, 1.0 / RATE)
-
-    def robot_description(self) -> str:
-        """Return the robot's URDF."""
-        return PR2.text
 
     def view_direction(self) -> tuple[float, float, float]:
         """Return the direction towards the viewer: behind the robot, on the side of its right arm."""

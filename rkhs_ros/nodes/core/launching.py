@@ -24,11 +24,7 @@ DEFAULTS = {"namespace": "", "log_level": "info", "use_sim_time": "false"}
 
 
 def nodes_of_run(robot: Collection[str], parameters: Path, given: Mapping[str, str]) -> list[Action]:
-    """Return the nodes of a run, with `robot` in place of the simulator; all exit with the first one that exits.
-
-    Raises:
-        ValueError: a value is invalid.
-    """
+    """Return the nodes of a run, with `robot` in place of the simulator; all exit with the first one that exits."""
     require(given["use_sim_time"] in ("true", "false"), "use_sim_time", "true or false", given["use_sim_time"])
     return [
         Node(
@@ -38,25 +34,19 @@ def nodes_of_run(robot: Collection[str], parameters: Path, given: Mapping[str, s
             output="screen",
             parameters=[str(parameters), {"use_sim_time": given["use_sim_time"] == "true"}],
             ros_arguments=["--log-level", given["log_level"]],
-            on_exit=_learner_ended if name == "learner" else _server_ended(name),
+            on_exit=_exited(name),
         )
         for name in node_names(robot)
     ]
 
 
-def _learner_ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-    """End the other nodes with the learner; raising makes ``ros2 launch`` exit with 1."""
-    if event.returncode != 0 and not context.is_shutdown:
-        raise RuntimeError(f"the learner exited with code {event.returncode}")
-    return [Shutdown(reason="the learner is done")]
+def _exited(name: str) -> OnExit:
+    """Return a handler that ends the other nodes with the learner; raising makes ``ros2 launch`` exit with 1."""
 
+    def exited(event: ProcessExited, context: LaunchContext) -> list[Action]:
+        is_done = name == "learner" and event.returncode == 0
+        if not (is_done or context.is_shutdown):
+            raise RuntimeError(f"the {name} node exited with code {event.returncode} before the end of the run")
+        return [Shutdown(reason="the learner is done")] if name == "learner" else []
 
-def _server_ended(name: str) -> OnExit:
-    """Return a handler that ends the run if a node exits before the learner."""
-
-    def ended(event: ProcessExited, context: LaunchContext) -> list[Action]:
-        if not context.is_shutdown:
-            raise RuntimeError(f"the {name} node exited before the learner, with code {event.returncode}")
-        return []
-
-    return ended
+    return exited

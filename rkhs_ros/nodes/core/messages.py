@@ -60,11 +60,7 @@ def observations_of(message: msg.Observation, batch: Batch) -> Array:
 
 
 def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
-    """Return the batch that a message belongs to.
-
-    Raises:
-        ValueError: a number is out of range.
-    """
+    """Return the batch that a message belongs to; raise ValueError if a number is out of range."""
     return Batch(
         seed=message.seed,
         first_episode=message.first_episode,

@@ -21,12 +21,7 @@ FILE is a configuration, see config/; 'ros2 param describe /{0} NAME' describes 
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Handle ``--help``; refuse arguments that are not for ROS, and unreadable parameter files.
-
-    Raises:
-        ValueError: an argument is not for ROS, or a parameter file cannot be read.
-        SystemExit: after printing the help.
-    """
+    """Raise ValueError for an argument that is not for ROS, or an unreadable parameter file; print the help."""
     ours = list(takewhile(lambda word: word != "--ros-args", arguments))
     if {"-h", "--help"} & set(ours):
         print(USAGE.format(name))
@@ -86,11 +81,7 @@ def declare(node: Node, entries: Iterable[Entry]) -> None:
 
 
 def declared(node: Node, tree: dict[str, Any], name: str, default: Any, description: str) -> Any:
-    """Remove one setting of a node from its tree, declare it, and return its value.
-
-    Raises:
-        ValueError: the value has another type than the default.
-    """
+    """Remove one setting of a node from its tree, declare it, and return its value, which has the default's type."""
     value = tree.pop(name, default)
     if type(value) is not type(default):
         raise ValueError(f"{name}: expected {type(default).__name__}, got {value!r}")
@@ -99,11 +90,7 @@ def declared(node: Node, tree: dict[str, Any], name: str, default: Any, descript
 
 
 def require_known(tree: Mapping[str, Any], *known: str) -> None:
-    """Refuse unknown keys that are left in a node's tree.
-
-    Raises:
-        ValueError: a key is not among the known names.
-    """
+    """Raise ValueError for an unknown key that is left in a node's tree."""
     for name in tree:
         if name not in known:
             raise ValueError(f"unknown key '{name}', {hint(name, dict.fromkeys(known))}")

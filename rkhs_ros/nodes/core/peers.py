@@ -73,18 +73,13 @@ class Peers:
         return True
 
     def wait_for_service(self, client: Client, name: str) -> None:
-        """Wait until a node offers a service.
-
-        Raises:
-            SilentError: the node does not offer it in time.
-        """
-        begin = time.monotonic()
+        """Wait until a node offers a service; raise SilentError if it does not in time."""
         if self.spin(client.service_is_ready, min(LOGGED_AFTER_S, self.timeout_s)):
             return
-        if self.timeout_s > LOGGED_AFTER_S:
-            left = max(begin + self.timeout_s - time.monotonic(), 0.0)
+        left = self.timeout_s - LOGGED_AFTER_S
+        if left > 0.0:
             self._node.get_logger().info(f"waiting for the {name} node, for at most {left:.0f} s")
-        if not self.spin(client.service_is_ready, begin + self.timeout_s - time.monotonic()):
+        if not self.spin(client.service_is_ready, left):
             raise self.silent(name)
 
     def call(self, client: Client, request: Any, name: str, *, repeatable: bool = False) -> Any:

@@ -70,9 +70,6 @@ class ReportingNode(Node):
 
     Args:
         context: ROS context of a node that shares its process; None selects the default context.
-
-    Attributes:
-        diagnostics: its status reports.
     """
 
     diagnostics: Diagnostics
@@ -91,9 +88,6 @@ class ReportingNode(Node):
 
         The graph shows another node only after some time. A socket in the abstract namespace of Linux, of which there
         is one per name, is taken at once; the kernel frees it when the process ends in whatever way.
-
-        Raises:
-            PeerError: there is such a process.
         """
         name = f"{self.context.get_domain_id()}{self.get_fully_qualified_name()}"
         try:
@@ -232,11 +226,7 @@ def _handle_signals(stop: Stop) -> None:
 
 
 def _begin(name: str) -> None:
-    """Initialise ROS: on this machine, by UDP, unless the environment says otherwise.
-
-    Raises:
-        ValueError: the arguments or the domain are invalid.
-    """
+    """Initialise ROS: on this machine, by UDP, unless the environment says otherwise."""
     check_arguments(name, sys.argv[1:])
     if not sys.flags.safe_path:  # the node was started by hand; others search where their parent does
         search_here()

@@ -55,11 +55,7 @@ def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
 
 @contextmanager
 def using_udp() -> Iterator[None]:
-    """Create the nodes of this context with the transport of `by_udp`, and restore the environment afterwards.
-
-    Raises:
-        ValueError: the domain is invalid.
-    """
+    """Create the nodes of this context with the transport of `by_udp`, and restore the environment afterwards."""
     before = dict(os.environ)
     os.environ.update(by_udp(before))
     try:

@@ -1,21 +1,18 @@
 """The learner node: learns from episodes received over topics, and sends each policy to the policy node."""
 
 import json
-import time
 from array import array
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.base.endings import Stop, StoppedError
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
@@ -34,69 +31,8 @@ from rkhs_ros.runs.run import run_training
 
 Draw = Callable[[Path], object]
 EVALUATION = "evaluation.npz"  # in the output folder: evaluation episodes of a policy
-MOST_RECENT = 256  # iterations in a message
-PERIOD_S = 0.2  # between messages
+MOST_RECENT = 256  # iterations in a message of the progress
 LAST_MESSAGE_TIMEOUT_S = 0.5  # for subscribers to receive the last message before the node exits
-
-
-class ProgressTopic:
-    """Publishes the progress of a run at a limited rate; late subscribers receive the newest message.
-
-    Owns the learning curve until it is published.
-    """
-
-    def __init__(self, node: Node, training: Training) -> None:
-        self._clock = node.get_clock()
-        self._training = training
-        self._folder = Path()
-        self._publisher = node.create_publisher(LearningProgress, "progress", LATCHED_QOS)
-        self._rows: Sequence[Row] | None = None
-        self._due = 0.0  # monotonic time, seconds
-
-    def begin(self, folder: Path) -> None:
-        """Set the folder of the results, and publish the progress so far."""
-        self._folder = folder.resolve()
-        self._rows = []
-        with suppress(ValueError):  # from a damaged curve, which the run writes again
-            self._rows = Curve(folder / "curve.csv").rows()
-
-    def offer(self, rows: Sequence[Row]) -> None:
-        """Set the learning curve so far; it replaces an unpublished one."""
-        self._rows = rows
-
-    def heartbeat(self) -> float:
-        """Publish a due message; return the seconds until the next one may be due."""
-        now = time.monotonic()
-        if self._rows is None:
-            return PERIOD_S
-        if now >= self._due:
-            self._due = now + PERIOD_S
-            self._publish()
-        return self._due - now
-
-    def close(self) -> None:
-        """Publish the pending message, and wait until subscribers have received it."""
-        self._publish()
-        self._publisher.wait_for_all_acked(Duration(seconds=LAST_MESSAGE_TIMEOUT_S))
-
-    def _publish(self) -> None:
-        if self._rows is None:
-            return
-        rows, self._rows = self._rows, None
-        iterations, recent = self._training.iterations, rows[-MOST_RECENT:]
-        message = LearningProgress(
-            stamp=self._clock.now().to_msg(),
-            run=self._training.name,
-            folder=str(self._folder),
-            iterations=iterations,
-            **(rows[-1] if rows else BEGINNING)._asdict(),
-            seconds_left=seconds_left(rows, iterations),
-            last_iterations=array("I", [row.iteration for row in recent]),
-            last_exploration_returns=array("d", [row.exploration_return for row in recent]),
-            last_evaluation_returns=array("d", [row.evaluation_return for row in recent]),
-            last_model_returns=array("d", [row.model_return for row in recent]),
-        )
-        self._publisher.publish(message)
 
 
 class LearnerNode(ReportingNode):
@@ -106,11 +42,7 @@ class LearnerNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Declare the parameters and open topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, or an invalid value.
-        """
+        """Declare the parameters and open topics and services."""
         tree = given(self, needs_section=True)
         self.output = declared(self, tree, "output", "", "folder for the results; empty for results/NAME/TIME")
         self.quiet = declared(self, tree, "quiet", False, "no progress bar")
@@ -119,31 +51,43 @@ class LearnerNode(ReportingNode):
         self.tensorboard = declared(self, tree, "tensorboard", False, about)
         about = "policy.npz to evaluate instead of learning; empty to learn"
         self.evaluate = declared(self, tree, "evaluate", "", about)
-        self.environment = self._environment_from(tree)
+        self.environment: Environment | None = None  # any one
+        if "environment" in tree:
+            self.environment = environment_from(tree.pop("environment"))
+            about = "Gymnasium id of the environment; simulators of other environments are refused"
+            declare(self, [Entry("environment.id", self.environment.id, {"description": about})])
         self.training = training_from(tree)
         declare(self, entries(self.training))
         self.diagnostics = Diagnostics(self, lambda: self.runner.report())
         self.peers = Peers(self, self.training.timeout)
         kind = ROBOT if self.environment and self.environment.nodes else SIMULATOR
         self.runner = TopicRunner(self, self.peers, self.training.num_envs, kind)
-        self.progress = ProgressTopic(self, self.training)
-
-    def _environment_from(self, tree: dict[str, Any]) -> Environment | None:
-        """Remove the environment from the tree of parameters, and return it; return None if the tree has none."""
-        if "environment" not in tree:
-            return None
-        environment = environment_from(tree.pop("environment"))
-        about = "Gymnasium id of the environment; simulators of other environments are refused"
-        declare(self, [Entry("environment.id", environment.id, {"description": about})])
-        return environment
+        self._progress = self.create_publisher(LearningProgress, "progress", LATCHED_QOS)
 
     def heartbeat(self) -> float:
-        """Publish the status, progress and heartbeats that are due; return the seconds until the next ones."""
-        return min(self.diagnostics.heartbeat(), self.runner.heartbeat(), self.progress.heartbeat())
+        """Publish the status and heartbeats that are due; return the seconds until the next ones."""
+        return min(self.diagnostics.heartbeat(), self.runner.heartbeat())
 
+    def publish_progress(self, folder: Path, rows: Sequence[Row]) -> None:
+        """Publish the learning curve so far of a run; late subscribers receive the newest message."""
+        iterations, recent = self.training.iterations, rows[-MOST_RECENT:]
+        message = LearningProgress(
+            stamp=self.get_clock().now().to_msg(),
+            run=self.training.name,
+            folder=str(folder.resolve()),
+            iterations=iterations,
+            **(rows[-1] if rows else BEGINNING)._asdict(),
+            seconds_left=seconds_left(rows, iterations),
+            last_iterations=array("I", [row.iteration for row in recent]),
+            last_exploration_returns=array("d", [row.exploration_return for row in recent]),
+            last_evaluation_returns=array("d", [row.evaluation_return for row in recent]),
+            last_model_returns=array("d", [row.model_return for row in recent]),
+        )
+        self._progress.publish(message)
 
-def draw_nothing(folder: Path) -> None:
-    """Draw no figures: `rkhs train`, which starts the node, draws them itself."""
+    def close(self) -> None:
+        """Wait until subscribers have received the progress."""
+        self._progress.wait_for_all_acked(Duration(seconds=LAST_MESSAGE_TIMEOUT_S))
 
 
 def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
@@ -156,7 +100,10 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learning {config.environment.id}; the results are in {folder.resolve()}")
         is_robot = node.runner.is_robot
-        node.progress.begin(folder)
+        rows: Sequence[Row] = []
+        with suppress(ValueError):  # from a damaged curve, which the run writes again
+            rows = Curve(folder / "curve.csv").rows()
+        node.publish_progress(folder, rows)
         try:
             with stop.interrupting():  # training in a model takes seconds
                 run_training(
@@ -167,7 +114,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                     resume=resume,
                     tensorboard=node.tensorboard,
                     sync=is_robot,
-                    on_iteration=lambda _, rows: node.progress.offer(rows),
+                    on_iteration=lambda _, rows: node.publish_progress(folder, rows),
                     on_advice=lambda advice: node.get_logger().warning(str(advice)),
                 )
         except (StoppedError, KeyboardInterrupt):
@@ -176,7 +123,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                 draw(folder)
             raise
         finally:
-            node.progress.close()
+            node.close()
         draw(folder)
         node.get_logger().info(next_steps(folder, config))
 
@@ -194,8 +141,8 @@ def measure(node: LearnerNode, stop: Stop) -> None:
         print(json.dumps(evaluation.statistics(), indent=2))
 
 
-def main(draw: Draw = draw_nothing) -> None:
-    """Run the learner node: learn, or evaluate a policy."""
+def main(draw: Draw = lambda folder: None) -> None:
+    """Run the learner node: learn, or evaluate a policy; `draw` draws the figures, unless `rkhs train` does that."""
 
     def work(node: LearnerNode, stop: Stop) -> None:
         if node.evaluate:

@@ -24,11 +24,7 @@ class PolicyNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Declare the parameters and open topics and service.
-
-        Raises:
-            ValueError: an unknown parameter, or an invalid policy file.
-        """
+        """Read the policy file, if there is one, and open topics and service."""
         self._served = self._from_file(given(self))
         self._session = Session()
         self._actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)

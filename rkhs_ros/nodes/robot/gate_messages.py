@@ -54,11 +54,7 @@ def command_of(message: msg.Command) -> Command:
 
 
 def sensed_of(message: JointState, joints: Sequence[str]) -> Sensed:
-    """Return the state of joints in a message; fields that it omits are nan.
-
-    Raises:
-        ValueError: a joint is missing.
-    """
+    """Return the state of joints in a message, nan for fields that it omits; raise ValueError if one is missing."""
     names = list(message.name)
     if missing := missing_joints(joints, names):
         raise ValueError(missing)

@@ -87,11 +87,7 @@ class GateNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Declare the parameters and open topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, or missing or inconsistent limits.
-        """
+        """Read the limits, and open topics and services."""
         tree = given(self, needs_section=True)
         self._settings = build(GateSettings, tree)
         self._rules = rules(self._settings)

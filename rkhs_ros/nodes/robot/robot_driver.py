@@ -174,11 +174,7 @@ class EpisodeDriver:
         return self.sensors.obstacle()
 
     def _is_ready(self, now: float) -> bool:
-        """Return whether all sensors and the service of the reset are usable.
-
-        Raises:
-            RunError: they are not in time.
-        """
+        """Return whether all sensors and the service of the reset are usable; raise RunError if not in time."""
         missing, trigger = self._blindness(), self._task.reset.trigger.service
         if not missing and "trigger" in self._task.reset.steps and not self._service.service_is_ready():
             missing = f"reset.trigger: expected a service {self._node.resolve_service_name(trigger)}, got none"
@@ -272,19 +268,11 @@ class EpisodeDriver:
             self.episode.report(self._sent[1], executed, flags)
 
     def _observe(self) -> Reading:
-        """Return a reading of the sensors without a reward.
-
-        Raises:
-            SensingError: a sensor is silent or stale.
-        """
+        """Return a reading of the sensors without a reward; raise SensingError if one is silent or stale."""
         return Reading(self._task.sensors.observation(self.sensors.heard(), time.monotonic()), 0.0, time.time_ns())
 
     def _sense(self) -> Reading:
-        """Return a reading of the sensors and of the reward topic.
-
-        Raises:
-            SensingError: a topic is silent or stale.
-        """
+        """Return a reading of the sensors and of the reward topic."""
         reading, reward = self._observe(), self._task.reward
         if not reward.topic:
             return reading

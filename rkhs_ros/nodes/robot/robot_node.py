@@ -45,11 +45,7 @@ class RobotNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Read the task, and open topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, an invalid value, or an unknown message type.
-        """
+        """Read the task, and open topics and services."""
         tree = given(self, needs_section=True)
         about = "end protective stops automatically, for simulated robots whose gate arms itself only"
         simulated = declared(self, tree, "simulated", False, about)
@@ -77,11 +73,7 @@ class RobotNode(ReportingNode):
         self.create_service(SetBool, "~/pause", self._pause)
 
     def heartbeat(self) -> float:
-        """Process due events; return the seconds until the next one.
-
-        Raises:
-            SilentError: the policy node did not act in time.
-        """
+        """Process due events; return the seconds until the next one."""
         now = time.monotonic()
         if now >= self._held_until:
             self._release()

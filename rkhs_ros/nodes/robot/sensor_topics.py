@@ -123,11 +123,7 @@ def _uses(task: RobotTask) -> Iterator[Use]:
 
 
 def _types(uses: Iterable[Use]) -> dict[str, Any]:
-    """Return the message classes of topics.
-
-    Raises:
-        ValueError: a type is unknown or has no such field, or a topic has two types.
-    """
+    """Return the message classes of topics; raise ValueError for an unknown type or field, or two types of a topic."""
     types: dict[str, Any] = {}
     for use in uses:
         kind = _message_type(use.type)
@@ -166,11 +162,7 @@ def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
 
 
 def _message_type(name: str) -> Any:
-    """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
-
-    Raises:
-        ValueError: the type is unknown.
-    """
+    """Return the class of a message type such as ``sensor_msgs/msg/Imu``."""
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)

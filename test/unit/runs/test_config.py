@@ -124,7 +124,7 @@ def test_the_parameter_dump_of_a_node_is_a_configuration(write: Any) -> None:
     config = load_config(CONFIGS[0])
     document = yaml.safe_load(resolved(config))
     learner = {**document["/**/learner"]["ros__parameters"], **of_any, "output": "", "quiet": True, "resume": False}
-    simulator = {**document["/**/simulator"]["ros__parameters"], **of_any, "robot_state": False}
+    simulator = {**document["/**/simulator"]["ros__parameters"], **of_any}
     policy = {**of_any, "policy_file": ""}
     nodes = {"/learner": learner, "/simulator": simulator, "/policy": policy}
     dump = {name: {"ros__parameters": parameters} for name, parameters in nodes.items()}

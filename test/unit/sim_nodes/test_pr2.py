@@ -13,8 +13,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy.spatial.transform import Rotation
 
-from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.pr2.description import DOOR, PR2, rotation_about
 from sim_nodes.pr2.motion import (
     ARM,
@@ -454,21 +452,6 @@ def test_pictures_show_the_start_and_the_motion_whether_or_not_the_arm_can_reach
     one.reset(seed=0)
     one.step(np.zeros(2))
     np.testing.assert_array_equal(one.render(), start)
-
-
-def test_joint_states_of_the_first_environment_are_available_after_a_step() -> None:
-    simulation = Simulation(TASK)
-    assert simulation.robot_description() == PR2.text
-    simulation.start(Batch(0, 0, 2, 1, explore=True))
-    assert simulation.joint_states() is None
-    simulation.step(np.array([[-0.03, -0.02], [0.01, 0.0]]))
-    told = simulation.joint_states()
-    assert told is not None
-    assert (set(told.names), told.period) == ({joint.name for joint in PR2.moving}, 0.05)
-    np.testing.assert_array_equal(told.positions, simulation.shown.outcomes[0].trajectory.positions)  # type: ignore
-    simulation.start(Batch(0, 0, 2, 1, explore=True))
-    assert simulation.joint_states() is None
-    assert Simulation("rkhs/Toy-v0").robot_description() is None  # a task without a robot
 
 
 def test_without_pybullet_the_task_is_registered_and_names_what_to_install() -> None:
