@@ -230,18 +230,16 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         except RunError:
             self._over = True
             raise
-        result, self._heard = self._heard or self._discarded(), None
-        self._last, self._over = result, result.terminated or result.truncated
+        if (result := self._heard) is None:  # a robot's episode was discarded
+            reason = discard_reason(link.finished) if link.finished else ""
+            last = np.zeros(link.spaces.observation_dim) if self._last is None else self._last.observation
+            result = _Result(last, 0.0, terminated=False, truncated=True, discard_reason=reason)
+        self._heard, self._last, self._over = None, result, result.terminated or result.truncated
         return result
 
     def _has_result(self) -> bool:
         """Return whether the step has a result, or the episode was discarded; raise RunError if it failed."""
         finished = self._link.finished
-        self._link.raise_failure()
+        if self._link.failure is not None:
+            raise self._link.failure
         return self._heard is not None or (finished is not None and bool(discard_reason(finished)))
-
-    def _discarded(self) -> _Result:
-        """Return the result of the step or reset in which a robot's episode was discarded."""
-        reason = discard_reason(self._link.finished) if self._link.finished else ""
-        last = np.zeros(self._link.spaces.observation_dim) if self._last is None else self._last.observation
-        return _Result(last, 0.0, terminated=False, truncated=True, discard_reason=reason)

@@ -58,7 +58,7 @@ class SimulatorLink:
         self.finished: FinishedBatch | None = None  # of the requested batch; of a robot, discarded ones too
         self.ended: list[FinishedBatch] = []  # to be recorded
         self.vetoed: list[Batch] = []  # completed, and discarded since
-        self._failure: Exception | None = None  # of the requested batch
+        self.failure: RunError | None = None  # of the requested batch
         self._is_vetoable = False  # whether the requested batch has ended, but may still be vetoed
         self._completed: dict[int, Batch] = {}  # batches that may still be vetoed, by the numbers of their requests
         self._logged = ""  # what the robot last waited for
@@ -83,7 +83,8 @@ class SimulatorLink:
         """
         self._peers.wait_for_service(self._describe, self.name)
         self.task = self._ask_for_task()
-        environment = _environment_of(self.task)
+        options = json.loads(self.task.options)
+        environment = Environment(self.task.environment, options, min(self.task.num_envs, MOST_ENVS))
         if expected is not None and _named(environment) != _named(expected):
             got = truncated(_named(environment))
             raise PeerError(f"the {self.name} node: expected the environment {_named(expected)}, got {got}")
@@ -105,12 +106,8 @@ class SimulatorLink:
             version: of the policy.
             seeds: of the environments, instead of those of the batch.
             timeout: seconds without an action after which the simulator ends with an error; 0 for no limit.
-
-        Raises:
-            SilentError: the node does not answer in time.
-            ValueError: the simulator refuses the batch.
         """
-        self.batch, self.finished, self._failure, self._is_vetoable = batch, None, None, False
+        self.batch, self.finished, self.failure, self._is_vetoable = batch, None, None, False
         self.request = StartEpisodes.Request(
             batch=fresh_number(),
             policy_version=version,
@@ -130,21 +127,12 @@ class SimulatorLink:
         self.vetoed.clear()
 
     def check(self) -> None:
-        """Check that the node still answers, and log what the operator of a robot has to do.
-
-        Raises:
-            SilentError: the node does not answer in time.
-        """
+        """Check that the node still answers, and log what the operator of a robot has to do."""
         text = self._ask_for_task().waiting
         kind = re.sub(r"[0-9.]+", "", text)  # numbers such as the rate of a sensor may change
         if text and kind != self._logged:
             self._node.get_logger().warning(f"the {self.name} node is waiting: {text}")
         self._logged = kind
-
-    def raise_failure(self) -> None:
-        """Raise RunError if the batch has failed."""
-        if self._failure is not None:
-            raise self._failure
 
     def heartbeat(self) -> float:
         """Send a due heartbeat to a robot that runs episodes; return the seconds until the next one."""
@@ -155,11 +143,6 @@ class SimulatorLink:
             self._alive.publish(Empty())
             self._alive_at = now + period
         return min(self._alive_at - now, SIGNAL_CHECK_S)
-
-    @property
-    def has_news(self) -> bool:
-        """Whether the batch has ended or failed, or episodes are to be recorded."""
-        return self.finished is not None or self._failure is not None or bool(self.ended)
 
     def _ask_for_task(self) -> DescribeTask.Response:
         request = DescribeTask.Request(num_envs=self._num_envs)
@@ -174,12 +157,12 @@ class SimulatorLink:
                 self.ended.append(self._finished_of(message, batch))
                 self.vetoed.append(batch)
         except ValueError as error:
-            self._failure = PeerError(f"the {self.name} node sent invalid episodes: {error}")
+            self.failure = PeerError(f"the {self.name} node sent invalid episodes: {error}")
 
     def _take(self, message: EpisodesMessage, batch: Batch) -> None:
         """Store the episodes of the requested batch, completed or discarded."""
         if message.failure:
-            self._failure = RunError(truncated(message.failure))
+            self.failure = RunError(truncated(message.failure))
             return
         finished = self._finished_of(message, batch)
         is_discarded = bool(discard_reason(finished))
@@ -200,19 +183,6 @@ class SimulatorLink:
 def discard_reason(finished: FinishedBatch) -> str:
     """Return why a batch of a robot is discarded; empty if it is not."""
     return next((each.discard_reason for each in finished.executions if each.discard_reason), "")
-
-
-def _environment_of(task: DescribeTask.Response) -> Environment:
-    """Return the environment that a simulator describes.
-
-    Raises:
-        ValueError: the options are not a JSON object.
-    """
-    try:
-        options = json.loads(task.options)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"options: expected a JSON object, got {truncated(task.options)}") from error
-    return Environment(task.environment, options, min(task.num_envs, MOST_ENVS))
 
 
 def _named(environment: Environment) -> str:

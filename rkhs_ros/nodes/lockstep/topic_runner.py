@@ -52,13 +52,7 @@ class TopicRunner:
         self._version = 0
 
     def connect(self, environment: Environment | None = None) -> Environment:
-        """Wait for simulator and policy node, and return the environment; any is accepted if None is given.
-
-        Raises:
-            SilentError: a node does not answer in time.
-            PeerError: the simulator has another environment.
-            ValueError: the simulator describes no valid task.
-        """
+        """Wait for simulator and policy node, and return the environment; see `SimulatorLink.connect`."""
         if environment is None:
             self._node.get_logger().info("no environment is set: using that of the simulator")
         connected = self._simulator.connect(environment)
@@ -138,11 +132,11 @@ class TopicRunner:
         simulator = self._simulator
         simulator.begin(batch, self._version, timeout=self._peers.timeout_s)
         while simulator.finished is None:
-            if self._peers.spin(lambda: simulator.has_news, CHECK_S):
-                self._record_ended()
-                simulator.raise_failure()
-            else:
+            if not self._peers.spin(lambda: bool(simulator.ended or simulator.finished or simulator.failure), CHECK_S):
                 simulator.check()
+            self._record_ended()
+            if simulator.failure is not None:
+                raise simulator.failure
         return simulator.finished
 
     def _record_ended(self) -> None:
