@@ -23,7 +23,7 @@ from rkhs_ros.nodes.core.messages import now_by_both_clocks
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOAT, FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
-from rkhs_ros.robot.gate_state import Command, CommandReport, Gate, Publishers, StopRequests
+from rkhs_ros.robot.gate_state import CommandReport, Publishers, StopRequests
 from rkhs_ros.robot.limits import Limits, Sensed, Setpoint, braking
 from rkhs_ros.robot.sensors import missing_joints
 
@@ -45,12 +45,6 @@ def seconds_of(stamp: Stamp) -> float:
     """
     now, now_ns = now_by_both_clocks()
     return now - 1e-9 * (now_ns - (stamp.sec * 1_000_000_000 + stamp.nanosec))
-
-
-def command_of(message: msg.Command) -> Command:
-    """Return the command in a message."""
-    values = None if message.hold else np.array(message.values, dtype=np.float64)
-    return Command(message.instance, message.number, seconds_of(message.stamp), values)
 
 
 def sensed_of(message: JointState, joints: Sequence[str]) -> Sensed:
@@ -78,11 +72,6 @@ def report_message(command: msg.Command, report: CommandReport) -> msg.GateRepor
         executed=doubles(report.executed),
         flags=int(report.flags),
     )
-
-
-def state_message(state: Gate) -> msg.GateState:
-    """Return the gate's state message."""
-    return msg.GateState(state=str(state.mode), reason=state.reason, **vars(state.counts))
 
 
 def hardware_message(settings: GateSettings, limits: Limits, motion: Setpoint) -> Any:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf
 
+import numpy as np
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -21,32 +22,20 @@ from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.gate_messages import (
     TYPES,
     StopTopics,
-    command_of,
     hardware_message,
     report_message,
+    seconds_of,
     sensed_of,
-    state_message,
 )
-from rkhs_ros.robot.gate import (
-    armed,
-    begin,
-    commanded,
-    last_output,
-    leave,
-    sensed,
-    stop_requested,
-    stopped,
-    stopped_by_operator,
-    ticked,
-)
+from rkhs_ros.robot import gate
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
+from rkhs_ros.robot.gate_state import Command as GateCommand
 from rkhs_ros.robot.limits import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 
 LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
 LATE = 2  # periods between two ticks above which a tick counts as missed
-STATE = "gate/state"
 MOST_FAILURES = 3  # of successive ticks, after which the gate can no longer bring the robot to rest
 RETRY_S = 1.0  # between attempts of a gate to arm itself
 SIMULATED = "simulated_robot"  # the node that may receive the commands of a gate that arms itself
@@ -88,11 +77,10 @@ class GateNode(ReportingNode):
 
     def open(self) -> None:
         """Read the limits, and open topics and services."""
-        tree = given(self, needs_section=True)
-        self._settings = build(GateSettings, tree)
+        self._settings = build(GateSettings, given(self, needs_section=True))
         self._rules = rules(self._settings)
         declare(self, entries(self._settings))
-        self._state = begin(self._rules)
+        self._state = gate.begin(self._rules)
         self._published: tuple[Mode, str, Counts] | None = None
         self._loop = Loop(self._settings.period)
         self._failures = 0  # of the last ticks, before their output was sent
@@ -123,7 +111,7 @@ class GateNode(ReportingNode):
         if self._failures >= MOST_FAILURES:  # its state may be damaged, too
             self._send_last(self._state)
             return True
-        state, is_left = leave(self._state, self._rules, now)
+        state, is_left = gate.leave(self._state, self._rules, now)
         is_over = is_left or now >= self._end_at
         if is_over:
             self._send_last(state)
@@ -131,7 +119,7 @@ class GateNode(ReportingNode):
         return is_over
 
     def _send_last(self, state: Gate) -> None:
-        self._send(last_output(state, self._rules))
+        self._send(gate.last_output(state, self._rules))
         self._hardware.wait_for_all_acked(Duration(seconds=LAST_OUTPUT_TIMEOUT_S))
 
     def _open_topics(self) -> None:
@@ -139,7 +127,7 @@ class GateNode(ReportingNode):
         require_own_topic(self._settings, self.resolve_topic_name)
         self._hardware = self.create_publisher(TYPES[command.type], command.topic, HARDWARE_QOS)
         self._reports = self.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
-        self._states = self.create_publisher(GateState, STATE, LATCHED_QOS)
+        self._states = self.create_publisher(GateState, "gate/state", LATCHED_QOS)
         self.create_subscription(Command, "command", self._command, LOCKSTEP_QOS)
         self._source: Source | None = None
         if sensor.topic:
@@ -161,13 +149,13 @@ class GateNode(ReportingNode):
         if state.mode == Mode.STOPPED and is_new and not state.is_shutting_down:
             self.get_logger().error(f"stopped: {state.reason}")
         self.diagnostics.stopped = state.reason
-        self._states.publish(state_message(state))
+        self._states.publish(GateState(state=str(state.mode), reason=state.reason, **vars(state.counts)))
         self._published = visible
 
     def _tick(self, now: float) -> None:
         """Send an output first, so that no later failure prevents it; then check stops and other publishers."""
         self._failures += 1
-        state, output = ticked(self._state, self._rules, now)
+        state, output = gate.ticked(self._state, self._rules, now)
         self._send(state.motion if output is not None else None)
         self._failures = 0
         self._turn(state)
@@ -175,7 +163,7 @@ class GateNode(ReportingNode):
         self.diagnostics.steps += 1
         self._check_stops()
         if rivals := self._rivals():
-            self._turn(stopped(self._state, rivals))
+            self._turn(gate.stopped(self._state, rivals))
 
     def _send(self, output: Setpoint | None) -> None:
         """Send an output to the hardware, if there is one."""
@@ -184,7 +172,9 @@ class GateNode(ReportingNode):
 
     def _command(self, message: Command) -> None:
         now = time.monotonic()
-        state, report = commanded(self._state, self._rules, now, command_of(message))
+        values = None if message.hold else np.array(message.values)
+        command = GateCommand(message.instance, message.number, seconds_of(message.stamp), values)
+        state, report = gate.commanded(self._state, self._rules, now, command)
         self._reports.publish(report_message(message, report))
         if report.reason:
             self.diagnostics.refuse(report.reason)
@@ -199,7 +189,7 @@ class GateNode(ReportingNode):
             self._flaw = str(error)
             self.diagnostics.skip(f"joint state: {error}")
             return
-        state, reason = sensed(self._state, self._rules, now, news)
+        state, reason = gate.sensed(self._state, self._rules, now, news)
         self._flaw = reason
         if reason:
             self.diagnostics.refuse(reason)
@@ -221,7 +211,7 @@ class GateNode(ReportingNode):
     def _check_stops(self) -> None:
         reason = self._stops.reason()
         self._waits_for_a_person |= bool(reason)
-        self._turn(stop_requested(self._state, reason))
+        self._turn(gate.stop_requested(self._state, reason))
 
     def _rivals(self) -> str:
         """Return an error message if another node publishes to the hardware; empty otherwise."""
@@ -240,7 +230,7 @@ class GateNode(ReportingNode):
 
     def _try_to_arm(self) -> str:
         """Arm the gate; return why it cannot be armed, empty if it is."""
-        state, reason = armed(self._state, self._rules, time.monotonic())
+        state, reason = gate.armed(self._state, self._rules, time.monotonic())
         if reason:
             self._turn(state)
         if reason and (not self._is_sensing or state.contradiction):
@@ -264,7 +254,7 @@ class GateNode(ReportingNode):
         expected = f"arms_itself: expected only simulated robots on {topic}, got {', '.join(others)}" if others else ""
         self.diagnostics.waiting = expected if stands else ""
         if expected and self._has_armed_itself:
-            self._turn(stopped(self._state, expected))
+            self._turn(gate.stopped(self._state, expected))
         if stands and now < self._arm_at:
             return
         self._arm_at = now + RETRY_S
@@ -273,7 +263,7 @@ class GateNode(ReportingNode):
 
     def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._waits_for_a_person = True
-        self._turn(stopped_by_operator(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
+        self._turn(gate.stopped_by_operator(self._state, f"{STOP_REQUESTED} by the service 'stop'"))
         response.success, response.message = True, str(self._state.mode)
         return response
 

@@ -113,7 +113,9 @@ class EpisodeDriver:
         if fault := self._obstacle() or self._silence(now):
             episode.discard(fault)
         if not episode.moving and not episode.over:
-            return self._await_first_action(now)
+            if 0 < self._timeout < now - self._ready_at:
+                raise SilentError(f"the policy node did not act within {self._timeout:g} s")
+            return now + self._task.learner_timeout
         if episode.proceed(now, self._sense):
             if episode.complete:
                 self._gate.hold()
@@ -185,17 +187,18 @@ class EpisodeDriver:
     def _continue_reset(self, reset: ResetProcess, episode: RobotEpisode, now: float) -> None:
         try:
             outcome = reset.proceed(now, self._sense_joints)
-        except ResetError as error:
+            if isinstance(outcome, np.ndarray):
+                self._sent = (self._gate.send(outcome, time.time_ns()), -1)
+                return
+            if self._sent[0] == self._gate.number:  # the last command was a motion of the reset
+                self._gate.hold()
+            self.waiting = outcome or ""
+            if outcome is None:
+                episode.begin(self._observe())
+                self._show(episode)
+                self._ready_at = time.monotonic()
+        except (ResetError, SensingError) as error:
             self.discard(str(error))
-            return
-        if isinstance(outcome, np.ndarray):
-            self._sent = (self._gate.send(outcome, time.time_ns()), -1)
-            return
-        if self._sent[0] == self._gate.number:  # the last command was a motion of the reset
-            self._gate.hold()
-        self.waiting = outcome or ""
-        if outcome is None:
-            self._show_first(episode)
 
     def _call_service(self) -> None:
         reset = self._reset
@@ -206,20 +209,6 @@ class EpisodeDriver:
                 reset.answer = (answer.success, answer.message)
 
         self._service.call_async(Trigger.Request()).add_done_callback(answered)
-
-    def _show_first(self, episode: RobotEpisode) -> None:
-        try:
-            episode.begin(self._observe())
-        except SensingError as error:
-            self.discard(str(error))
-            return
-        self._show(episode)
-        self._ready_at = time.monotonic()
-
-    def _await_first_action(self, now: float) -> float:
-        if 0 < self._timeout < now - self._ready_at:
-            raise SilentError(f"the policy node did not act within {self._timeout:g} s")
-        return now + self._task.learner_timeout
 
     # Steps.
 
@@ -256,9 +245,8 @@ class EpisodeDriver:
         except ValueError as error:
             self._node.diagnostics.refuse(f"action: {error}")
             return
-        stamp = (
-            episode.stamps[-1] if episode.moving else time.time_ns()
-        )  # before the motion, the observation is still valid
+        # Before the motion, the observation is still valid.
+        stamp = episode.stamps[-1] if episode.moving else time.time_ns()
         command = episode.act(message.step, action, time.monotonic())
         if command is not None:
             self._sent = (self._gate.send(command, stamp), message.step)
