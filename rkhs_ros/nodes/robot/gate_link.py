@@ -1,4 +1,4 @@
-"""The robot node's clients of the gate and of a simulated robot."""
+"""The robot node's client of the gate, and of a simulated robot behind it."""
 
 import time
 from collections.abc import Callable
@@ -23,16 +23,19 @@ LAST_COMMAND_TIMEOUT_S = 0.5  # for the gate to receive the last command before 
 
 
 class GateLink:
-    """The robot node's client of the gate.
+    """The robot node's client of the gate, and of a simulated robot behind it.
 
-    Owns the numbers of this process and of its commands, and the last reported state of the gate.
+    Owns the numbers of this process and of its commands, and the last reported states of gate and robot.
 
     Args:
         timeout: seconds without a report of a command after which the gate counts as dead.
         report: callback for each report, with the command's number, the executed command and the flags.
+        simulated: whether the robot is simulated, so that its gate arms itself and its protective stops are ended here.
     """
 
-    def __init__(self, node: Node, timeout: float, report: Callable[[int, Array, int], None]) -> None:
+    def __init__(
+        self, node: Node, timeout: float, report: Callable[[int, Array, int], None], *, simulated: bool
+    ) -> None:
         self.number = 0
         self._node = node
         self._instance = time.time_ns()  # of two processes, the newer one has a greater number
@@ -43,6 +46,13 @@ class GateLink:
         self._commands = node.create_publisher(Command, "command", LOCKSTEP_QOS)
         node.create_subscription(GateReport, "gate/report", self._hear_report, LOCKSTEP_QOS)
         node.create_subscription(GateState, "gate/state", self._hear_state, LATCHED_QOS)
+        self._simulated = simulated
+        self._protection = DiagnosticStatus()
+        self._asked_at = 0.0  # monotonic time of the last attempt to end a protective stop, seconds
+        if simulated:
+            self._reset = node.create_client(Trigger, "simulated_robot/reset_protective_stop")
+            violations = "simulated_robot/violations"
+            node.create_subscription(DiagnosticStatus, violations, self._hear_violations, LATCHED_QOS)
 
     def send(self, values: Array, stamp: int) -> int:
         """Send a command based on an observation of the time `stamp`, in nanoseconds; return its number."""
@@ -66,16 +76,23 @@ class GateLink:
             return "the gate is not armed"
         if self._state.state == GateState.STOPPED:
             return f"the gate stopped the robot ({truncated(self._state.reason)})"
+        if self._protection.level == DiagnosticStatus.ERROR:
+            return f"the simulated robot made a protective stop ({truncated(self._protection.message)})"
         return ""
 
     @property
     def _is_silent(self) -> bool:
         return time.monotonic() - self._unanswered_since > self._timeout
 
-    @property
-    def stop_was_requested(self) -> bool:
-        """Whether the gate stopped because of a request."""
-        return self._state is not None and self._state.reason.startswith(STOP_REQUESTED)
+    def removes_obstacles(self, now: float) -> bool:
+        """End a protective stop; return whether obstacles go by themselves: of simulated robots, unless stopped."""
+        if not self._simulated or (self._state is not None and self._state.reason.startswith(STOP_REQUESTED)):
+            return False
+        is_stopped = self._protection.level == DiagnosticStatus.ERROR
+        if is_stopped and now >= self._asked_at + RETRY_S and self._reset.service_is_ready():
+            self._asked_at = now
+            self._reset.call_async(Trigger.Request())
+        return True
 
     @property
     def remedy(self) -> str:
@@ -104,30 +121,5 @@ class GateLink:
     def _hear_state(self, message: GateState) -> None:
         self._state, self._unanswered_since = message, inf
 
-
-class SimulatedRobotLink:
-    """The robot node's client of a simulated robot.
-
-    Owns the robot's last report, and the time of the last attempt to end a protective stop.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._report = DiagnosticStatus()
-        self._asked_at = 0.0  # monotonic time, seconds
-        self._reset = node.create_client(Trigger, "simulated_robot/reset_protective_stop")
-        node.create_subscription(DiagnosticStatus, "simulated_robot/violations", self._hear_report, LATCHED_QOS)
-
-    def obstacle(self) -> str:
-        """Return the reason of the robot's protective stop; empty if there is none."""
-        if self._report.level != DiagnosticStatus.ERROR:
-            return ""
-        return f"the simulated robot made a protective stop ({truncated(self._report.message)})"
-
-    def end_protective_stop(self, now: float) -> None:
-        """End a protective stop, if there is one; the monotonic time `now` limits the rate of attempts."""
-        if self.obstacle() and now >= self._asked_at + RETRY_S and self._reset.service_is_ready():
-            self._asked_at = now
-            self._reset.call_async(Trigger.Request())
-
-    def _hear_report(self, message: DiagnosticStatus) -> None:
-        self._report = message
+    def _hear_violations(self, message: DiagnosticStatus) -> None:
+        self._protection = message

@@ -12,7 +12,7 @@ from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.spin import ReportingNode
-from rkhs_ros.nodes.robot.gate_link import GateLink, SimulatedRobotLink
+from rkhs_ros.nodes.robot.gate_link import GateLink
 from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
 from rkhs_ros.policies.messages import doubles, matrix
 from rkhs_ros.policies.streams import Batch
@@ -65,8 +65,7 @@ class EpisodeDriver:
         self._sent = (0, 0)  # number of the last command, and its step
         self._fault = ""  # why the policy cannot act
         self._is_shown = False  # whether the policy has an observation of the episode
-        self._gate = GateLink(node, task.stale_after, self._hear_report)
-        self._simulated = SimulatedRobotLink(node) if simulated else None
+        self._gate = GateLink(node, task.stale_after, self._hear_report, simulated=simulated)
         self.sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
@@ -110,7 +109,7 @@ class EpisodeDriver:
             raise RunError(self._fault)
         if not self._is_shown:
             return self._prepare(episode, now)
-        if fault := self._obstacle() or self._silence(now):
+        if fault := self._gate.obstacle() or self._silence(now):
             episode.discard(fault)
         if not episode.moving and not episode.over:
             if 0 < self._timeout < now - self._ready_at:
@@ -124,10 +123,6 @@ class EpisodeDriver:
             self._finish(episode)
         return min(episode.due, now + min(self._task.learner_timeout, self._task.stale_after))
 
-    def _obstacle(self) -> str:
-        """Return why the robot cannot be moved; empty if it can."""
-        return self._gate.obstacle() or (self._simulated.obstacle() if self._simulated else "")
-
     def _silence(self, now: float) -> str:
         silent, most = now - self.alive_at, self._task.learner_timeout
         return f"no heartbeat of the learner for {silent:.2g} s (learner_timeout {most:g})" * (silent > most)
@@ -139,7 +134,7 @@ class EpisodeDriver:
         if now < self._clock.due:
             return self._clock.due
         self._clock = self._clock.ticked(now)
-        obstacle = self._obstacle()
+        obstacle = self._gate.obstacle()
         if self._reset is not None and (fault := obstacle or self._silence(now)):
             self.discard(fault)
         elif self._reset is not None:
@@ -154,11 +149,9 @@ class EpisodeDriver:
 
     def _remedy(self, obstacle: str, now: float) -> str:
         """Return what the operator has to do about an obstacle or a pause; empty if a simulated robot ends it."""
-        if self._simulated is not None and not self._gate.stop_was_requested:
-            self._simulated.end_protective_stop(now)
-            self._clear_at = self._clear_at if obstacle else now
-            if not self.paused and now < self._clear_at + PATIENCE_S:
-                return ""
+        self._clear_at = self._clear_at if obstacle else now
+        if self._gate.removes_obstacles(now) and not self.paused and now < self._clear_at + PATIENCE_S:
+            return ""
         what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to continue: {self.call('start')}"
         return self.sensors.obstacle() or what
 
