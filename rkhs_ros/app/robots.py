@@ -38,7 +38,7 @@ def check_robot(config: Config) -> Spaces:
     if not missing_ros():
         from rkhs_ros.nodes.robot.sensor_topics import check_topics  # here, since the import needs ROS
 
-        check_topics(task, gate)
+        check_topics(task)
     for line in ineffective_actions(task, limits.limits):
         print(f"warning: {line}", file=sys.stderr)
     return task.spaces

@@ -12,12 +12,11 @@ import numpy as np
 from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.gate_state import Flags
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import RobotTask
 
-# Flags of a step, as in rkhs_interfaces/GateReport.
-REFUSED, NOT_ARMED = 16, 32
-MISSED, LATE, NO_REPORT = 256, 512, 1024
+MISSED, LATE, NO_REPORT = 256, 512, 1024  # flags of a step, besides those of the gate, as in rkhs_interfaces/GateReport
 LAST_ACTIONS_TIMEOUT_S = 0.5  # wait after the last step for late actions
 SLACK = 0.1  # fraction of the period by which a tick may be late without shifting the ticks after it
 
@@ -157,7 +156,7 @@ class RobotEpisode:
             return
         self._reported[step] = executed
         self._flags[step] |= flags
-        if flags & (REFUSED | NOT_ARMED):
+        if flags & (Flags.REFUSED | Flags.NOT_ARMED):
             self.discard(f"the gate refused the command of step {step}")
 
     def discard(self, reason: str) -> None:

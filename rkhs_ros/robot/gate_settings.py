@@ -10,7 +10,7 @@ from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_state import Rules
-from rkhs_ros.robot.limits import EFFORT, KINDS, MOST, POSITION, VELOCITY, Limits, SensedLimits
+from rkhs_ros.robot.limits import EFFORT, KINDS, LIMITS, MOST, POSITION, SENSED_LIMITS, VELOCITY, Limits, SensedLimits
 from rkhs_ros.robot.urdf import located, read_limits
 
 FLOAT, FLOATS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
@@ -20,8 +20,6 @@ KINDS_OF = {FLOATS: KINDS, FLOAT: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCI
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
 OWN_TOPICS = ("command", "robot/obstacle", "gate/report", "gate/state")  # of every gate
-LIMITS = ("minimum", "maximum", "velocity", "acceleration", "step")
-SENSED_LIMITS = ("minimum", "maximum", "velocity", "effort")
 LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; the launcher waits this long
 
 

@@ -16,6 +16,8 @@ from rkhs_ros.rkhs.kernels import Array
 
 POSITION, VELOCITY, EFFORT = "position", "velocity", "effort"
 KINDS = (POSITION, VELOCITY, EFFORT)
+LIMITS = ("minimum", "maximum", "velocity", "acceleration", "step")  # of commands
+SENSED_LIMITS = ("minimum", "maximum", "velocity", "effort")
 LEAST, MOST = 1e-9, 1e9  # smallest and largest magnitude of a nonzero limit, so that arithmetic stays accurate
 UNITS = {POSITION: "rad or m", VELOCITY: "rad/s or m/s", EFFORT: "N m or N"}
 
@@ -48,9 +50,8 @@ class Limits:
 
     def __post_init__(self) -> None:
         pick(self.kind, dict.fromkeys(KINDS), "command.kind")
-        joints = np.size(self.minimum)
-        for name in ("minimum", "maximum", "velocity", "acceleration", "step"):
-            object.__setattr__(self, name, _array(getattr(self, name), joints, f"limits.{name}"))
+        for name in LIMITS:
+            object.__setattr__(self, name, _array(getattr(self, name), np.size(self.minimum), f"limits.{name}"))
         for name in ("velocity", "acceleration", "step"):
             _require_magnitudes(getattr(self, name), f"limits.{name}")
         needed = {POSITION: ("velocity", "acceleration"), VELOCITY: ("acceleration",), EFFORT: ()}[self.kind]
@@ -58,11 +59,9 @@ class Limits:
             finite = bool(np.isfinite(getattr(self, name)).all())
             require(finite, f"limits.{name}", f"a limit for each joint (required for {self.kind} commands)", "none")
         _require_order(self.minimum, self.maximum, "limits")
-        if self.kind != POSITION:
-            good = bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
-            require(
-                good, "limits", "minimum <= 0 <= maximum, so that rest is allowed", f"{self.minimum} and {self.maximum}"
-            )
+        rests = self.kind == POSITION or bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
+        got = f"{self.minimum} and {self.maximum}"
+        require(rests, "limits", "minimum <= 0 <= maximum, so that rest is allowed", got)
         none = self.kind != EFFORT or bool(np.isinf(self.acceleration).all())
         require(none, "limits.acceleration", "no value for effort commands", self.acceleration)
 
@@ -120,9 +119,8 @@ class SensedLimits:
     effort: Array
 
     def __post_init__(self) -> None:
-        joints = np.size(self.minimum)
-        for name in ("minimum", "maximum", "velocity", "effort"):
-            object.__setattr__(self, name, _array(getattr(self, name), joints, f"sensed.{name}"))
+        for name in SENSED_LIMITS:
+            object.__setattr__(self, name, _array(getattr(self, name), np.size(self.minimum), f"sensed.{name}"))
         for name in ("velocity", "effort"):
             _require_magnitudes(getattr(self, name), f"sensed.{name}")
         _require_order(self.minimum, self.maximum, "sensed")

@@ -14,6 +14,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import SensingError, joint_values
 
 STEPS = ("home", "trigger", "person")
+Numbers = tuple[float, ...]
 PEAK = 1.5  # greatest speed of a smooth motion, relative to its mean speed
 
 
@@ -30,18 +31,16 @@ class Home(Settings):
 
     topic: str = setting("joint_states", "topic of the JointState messages with the joints' positions and velocities")
     joints: tuple[str, ...] = setting((), "joints in the order of the commands")
-    position: tuple[float, ...] = setting((0.0,), "home position of each joint, rad or m", minimum=-1e6, maximum=1e6)
-    speed: tuple[float, ...] = setting(
-        (0.5,), "greatest speed on the path home, rad/s or m/s", minimum=1e-6, maximum=1e6
-    )
-    stiffness: tuple[float, ...] = setting(
+    position: Numbers = setting((0.0,), "home position of each joint, rad or m", minimum=-1e6, maximum=1e6)
+    speed: Numbers = setting((0.5,), "greatest speed on the path home, rad/s or m/s", minimum=1e-6, maximum=1e6)
+    stiffness: Numbers = setting(
         (1.0,), "velocity and effort commands: gain per rad or m of position error", minimum=0.0, maximum=1e6
     )
-    damping: tuple[float, ...] = setting(
+    damping: Numbers = setting(
         (1.0,), "effort commands: gain per rad/s or m/s of velocity error", minimum=0.0, maximum=1e6
     )
-    tolerance: tuple[float, ...] = setting((0.05,), "accepted distance from home, rad or m", minimum=0.0, maximum=1e6)
-    rest: tuple[float, ...] = setting((0.05,), "greatest speed at rest, rad/s or m/s", minimum=0.0, maximum=1e6)
+    tolerance: Numbers = setting((0.05,), "accepted distance from home, rad or m", minimum=0.0, maximum=1e6)
+    rest: Numbers = setting((0.05,), "greatest speed at rest, rad/s or m/s", minimum=0.0, maximum=1e6)
     settle: float = setting(0.2, "seconds for which the robot must stay home and at rest", minimum=0.0, maximum=3600.0)
     timeout: float = setting(30.0, "seconds after which the episode is discarded", minimum=0.01, maximum=3600.0)
 

@@ -21,6 +21,7 @@ from rkhs_ros.robot.reset import Reset
 from rkhs_ros.robot.sensors import TYPE, UNITS, Sensor, Sensors, parts_of
 
 NAME = re.compile(r"[A-Za-z]\w*")
+Numbers = tuple[float, ...]
 T = TypeVar("T")
 Rule = Callable[[Array, Array, Array], Any]
 ANSWER_TIMEOUT_S = 2.0  # after which a function counts as hanging; the gate has stopped the robot by then
@@ -40,14 +41,12 @@ class Commands(Settings):
         unit: of the commands, one or one per action; if empty, that of the kind for revolute joints.
     """
 
-    minimum: tuple[float, ...] = setting((-1.0,), "least actions", minimum=-1e9, maximum=1e9)
-    maximum: tuple[float, ...] = setting((1.0,), "greatest actions", minimum=-1e9, maximum=1e9)
-    scale: tuple[float, ...] = setting(
+    minimum: Numbers = setting((-1.0,), "least actions", minimum=-1e9, maximum=1e9)
+    maximum: Numbers = setting((1.0,), "greatest actions", minimum=-1e9, maximum=1e9)
+    scale: Numbers = setting(
         (1.0,), "command for one unit of the action, one or one per action", minimum=-1e9, maximum=1e9
     )
-    offset: tuple[float, ...] = setting(
-        (0.0,), "command for the action 0, one or one per action", minimum=-1e9, maximum=1e9
-    )
+    offset: Numbers = setting((0.0,), "command for the action 0, one or one per action", minimum=-1e9, maximum=1e9)
     kind: str = setting("position", "quantity that a command sets", choices=KINDS)
     unit: tuple[str, ...] = setting((), "units for figures, one or one per action; empty for rad, rad/s or N m")
 
@@ -187,20 +186,14 @@ class RobotTask(Settings):
     task: str = setting("robot", "name of the task in policies and recordings")
     period: float = setting(0.02, "seconds per step", minimum=0.001, maximum=3600.0)
     action_deadline: float = setting(
-        0.5,
-        "fraction of the period within which an action must arrive; else the last command is held",
-        minimum=0.01,
-        maximum=1.0,
+        0.5, "fraction of the period within which an action must arrive", minimum=0.01, maximum=1.0
     )
     misses_allowed: int = setting(
         2, "missed action deadlines per episode; one more discards the episode", minimum=0, maximum=10**6
     )
     stale_after: float = setting(0.1, "seconds after which a sensor's message is stale", minimum=1e-3, maximum=3600.0)
     learner_timeout: float = setting(
-        0.2,
-        "seconds without a heartbeat of the learner after which the episode is discarded",
-        minimum=0.01,
-        maximum=3600,
+        0.2, "seconds without a heartbeat of the learner that discard the episode", minimum=0.01, maximum=3600
     )
     veto_window: float = setting(
         0.0, "seconds to hold back a completed episode, during which ~/veto discards it", minimum=0, maximum=3600

@@ -60,11 +60,6 @@ class PeerError(RunError):
     """A node does not fit this run, or runs twice; the message names it."""
 
 
-def in_one_line(error: Exception) -> str:
-    """Return the message of an invalid name in one line; ROS adds lines that mark the position."""
-    return " ".join(str(error).rstrip(" ^\n").split())
-
-
 class ReportingNode(Node):
     """A node that reports its status, and has periodic work between messages.
 
@@ -258,7 +253,7 @@ def open_node(node: ReportingNode) -> None:
     node.claim_name()
     try:
         node.open()
-    except NameValidationException as error:  # a setting that names a topic or a service
-        raise ValueError(in_one_line(error)) from error
+    except NameValidationException as error:  # of a topic or a service in the settings; ROS marks the place
+        raise ValueError(" ".join(str(error).rstrip(" ^\n").split())) from error
     except RCLError as error:  # for example two topics of one name with different types
         raise ValueError(f"{node.get_name()}: cannot open its topics and services: {truncated(error)}") from error

@@ -160,17 +160,13 @@ class EpisodeDriver:
         name = f"{self._node.get_fully_qualified_name()}/{service}"
         return f"rkhs robot {service} FOLDER, or ros2 service call {name} std_srvs/srv/Trigger"
 
-    def _blindness(self) -> str:
-        """Return which sensors are unusable, and why; empty if all are usable."""
+    def _is_ready(self, now: float) -> bool:
+        """Return whether all sensors and the service of the reset are usable; raise RunError if not in time."""
+        missing, trigger = self.sensors.obstacle(), self._task.reset.trigger.service
         try:
             self._observe()
         except SensingError as error:
-            return self.sensors.obstacle() or str(error)
-        return self.sensors.obstacle()
-
-    def _is_ready(self, now: float) -> bool:
-        """Return whether all sensors and the service of the reset are usable; raise RunError if not in time."""
-        missing, trigger = self._blindness(), self._task.reset.trigger.service
+            missing = missing or str(error)
         if not missing and "trigger" in self._task.reset.steps and not self._service.service_is_ready():
             missing = f"reset.trigger: expected a service {self._node.resolve_service_name(trigger)}, got none"
         if missing and now - self._began_at > PEERS_TIMEOUT_S:

@@ -6,18 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.validate_topic_name import validate_topic_name
 from std_msgs.msg import String
 
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.diagnostics import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.core.spin import in_one_line
-from rkhs_ros.robot.gate_settings import GateSettings
 from rkhs_ros.robot.reset import STEPS
 from rkhs_ros.robot.sensors import JOINT_STATE, ReceivedMessage, SensingError, check_field, field_values
 from rkhs_ros.robot.task import RobotTask
@@ -134,31 +130,9 @@ def _types(uses: Iterable[Use]) -> dict[str, Any]:
     return types
 
 
-def check_topics(task: RobotTask, gate: GateSettings) -> None:
-    """Check the topics and services that the robot node and the gate will open.
-
-    Raises:
-        ValueError: the name of a topic or service is invalid, a type is unknown, or has no such field.
-    """
-    for setting, name in _names(task, gate):
-        try:
-            validate_topic_name(name)
-        except NameValidationException as error:
-            raise ValueError(f"{setting}: {in_one_line(error)}") from error
+def check_topics(task: RobotTask) -> None:
+    """Raise ValueError if the type of a topic is unknown or has no such field, or a topic has two types."""
     _types(_uses(task))
-
-
-def _names(task: RobotTask, gate: GateSettings) -> Iterator[tuple[str, str]]:
-    """Yield the used names of topics and services with their settings."""
-    yield from ((f"robot.sensors.{name}.topic", sensor.topic) for name, sensor in task.sensors)
-    names = {
-        "robot.reward.topic": task.reward.topic,
-        "robot.reset.home.topic": task.reset.home.topic,
-        "robot.reset.trigger.service": task.reset.trigger.service,
-        "gate.sensor.topic": gate.sensor.topic,
-        "gate.command.topic": gate.command.topic,
-    }
-    yield from ((setting, name) for setting, name in names.items() if name)
 
 
 def _message_type(name: str) -> Any:

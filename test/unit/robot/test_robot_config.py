@@ -31,7 +31,6 @@ def code_of(*arguments: object) -> object:
         ("robot.action={minimum: [0.0, 0.0], maximum: [1.0, 1.0], kind: effort}", "reset.home.joints: expected 2"),
         ("robot.action.kind=velocity", "robot.action.kind: expected gate.command.kind, effort"),
         ("robot.reset.home.joints=[shoulder]", "robot.reset.home.joints: expected gate.joints, motor, got shoulder"),
-        ("robot.sensors.motor.topic='a b'", "robot.sensors.motor.topic: Invalid topic name: topic name must not"),
         ("robot.reward={topic: score, type: std_msgs/msg/Float65}", "unknown message type 'std_msgs/msg/Float65'"),
         ("robot.sensors.motor={topic: a, type: sensor_msgs/msg/Imu, fields: [speed]}", "unknown field 'speed' of Imu"),
     ],

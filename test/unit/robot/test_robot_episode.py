@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, NOT_ARMED, SLACK, ElasticClock, Reading, RobotEpisode
+from rkhs_ros.robot.episode import LATE, MISSED, NO_REPORT, SLACK, ElasticClock, Reading, RobotEpisode
+from rkhs_ros.robot.gate_state import Flags
 from rkhs_ros.robot.sensors import SensingError
 from rkhs_ros.robot.task import End, Reward, RobotTask, robot_task_from
 
@@ -180,7 +181,7 @@ def test_a_silent_gate_discards_the_episode() -> None:
 def test_a_refused_command_discards_the_episode() -> None:
     episode = begun()
     episode.act(0, np.zeros(1), 0.0)
-    episode.report(0, np.zeros(1), NOT_ARMED)
+    episode.report(0, np.zeros(1), Flags.NOT_ARMED)
     assert episode.over
     assert episode.discard_reason == "the gate refused the command of step 0"
 
