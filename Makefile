@@ -45,7 +45,7 @@ $(VENV): requirements/core.txt requirements/dev.txt requirements/ros.txt
 
 # Python code, configurations and launch files are linked, not copied, so only new files require a build.
 $(BUILT): $(VENV) package.xml setup.py setup.cfg colcon_defaults.yaml \
-  $(wildcard rkhs_interfaces/* rkhs_interfaces/*/* config config/experiments launch)
+  $(wildcard rkhs_interfaces/* rkhs_interfaces/*/* config config/experiments config/tuning launch)
 	@echo "Building the workspace ..."
 	@set +u; . .venv/bin/activate; unset _ROS_WHEELS_BOOTSTRAP_COMPLETE; \
 	$(if $(NATIVE),,export AMENT_PREFIX_PATH=$$VIRTUAL_ENV COLCON_LOG_LEVEL=error;) \

@@ -31,6 +31,7 @@ COMMANDS = {
     "simulate": "run a simulator, or the nodes of a robot, for learners of other libraries",
     "status": "show the status of the nodes of a run",
     "robot": "send an operator command to the nodes of a robot: arm, stop, start, pause or veto",
+    "tune-node": "tune the parameters of a ROS 2 node in a few dozen trials",
     "list": "list the tasks, algorithms, kernels and figures",
 }
 
@@ -139,7 +140,7 @@ def _description(name: str) -> str:
 
 def _fill(parser: Parser, name: str) -> None:
     """Add the arguments of a command."""
-    module = import_module(f"rkhs_ros.app.commands.{name}")
+    module = import_module(f"rkhs_ros.app.commands.{name.replace('-', '_')}")
     module.add_arguments(parser)
     parser.set_defaults(run=module.run)
 

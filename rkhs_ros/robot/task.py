@@ -128,8 +128,15 @@ class Reward(Settings):
         Raises:
             RunError: the function fails, or does not return a finite number.
         """
-        step = before, executed, after
-        reward = from_topic + (_called(self.rule, "reward", float, "a number", *step) if self.rule else 0.0)
+        return self.of(from_topic, before, executed, after)
+
+    def of(self, from_topic: float, *arrays: Array) -> float:
+        """Return the value of the function for its arguments, plus that of the topic.
+
+        Raises:
+            RunError: the function fails, or does not return a finite number.
+        """
+        reward = from_topic + (_called(self.rule, "reward", float, "a number", *arrays) if self.rule else 0.0)
         if not abs(reward) <= LARGEST:  # nan is not
             raise RunError(f"reward: expected a finite number within {LARGEST:g}, got {reward}")
         return reward
@@ -226,9 +233,7 @@ def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
         ValueError: an unknown key, an invalid value, or a function that cannot be imported.
     """
     require(isinstance(tree, Mapping), "robot", "a section of keys", repr(tree))
-    sections = tree.get("sensors", {})
-    require(isinstance(sections, Mapping) and len(sections) > 0, "sensors", "a section for each sensor", sections)
-    by_name = {str(name): _sensor(str(name), section) for name, section in sections.items()}
+    by_name = sensors_from(tree.get("sensors", {}))
     task = build(RobotTask, {key: value for key, value in tree.items() if key != "sensors"})
     require(bool(NAME.fullmatch(task.task)), "task", "a name of letters, digits and _", repr(task.task))
     require(bool(task.reward.function or task.reward.topic), "reward", "a function or a topic", "neither")
@@ -243,6 +248,16 @@ def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
     task = replace(task, sensors=Sensors(by_name, task.stale_after))
     _ = task.reward.rule, task.end.rule  # raise if a function cannot be imported
     return task
+
+
+def sensors_from(sections: Any) -> dict[str, Sensor]:
+    """Return the sensors of a configuration by name.
+
+    Raises:
+        ValueError: there is none, or one has an unknown key or an invalid value.
+    """
+    require(isinstance(sections, Mapping) and len(sections) > 0, "sensors", "a section for each sensor", sections)
+    return {str(name): _sensor(str(name), section) for name, section in sections.items()}
 
 
 def _sensor(name: str, section: Any) -> Sensor:

@@ -32,6 +32,7 @@ PATIENCE = 90.0  # seconds; far above what anything here takes, beside other bus
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
     "simulated_robot": "sim_nodes.robots.simulated_robot_node",
+    "axis": "sim_nodes.axis_node",
     "policy": "rkhs_ros.nodes.lockstep.policy_node",
     "robot": "rkhs_ros.nodes.robot.robot_node",
     "gate": "rkhs_ros.nodes.robot.gate_node",

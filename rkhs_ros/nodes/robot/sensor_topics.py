@@ -122,7 +122,7 @@ def _types(uses: Iterable[Use]) -> dict[str, Any]:
     """Return the message classes of topics; raise ValueError for an unknown type or field, or two types of a topic."""
     types: dict[str, Any] = {}
     for use in uses:
-        kind = _message_type(use.type)
+        kind = message_type(use.type)
         known = types.setdefault(use.topic, kind)
         require(known is kind, f"topic {use.topic}", f"one type, {known.__name__}", use.type)
         for field in use.fields:
@@ -135,8 +135,12 @@ def check_topics(task: RobotTask) -> None:
     _types(_uses(task))
 
 
-def _message_type(name: str) -> Any:
-    """Return the class of a message type such as ``sensor_msgs/msg/Imu``."""
+def message_type(name: str) -> Any:
+    """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
+
+    Raises:
+        ValueError: the type is unknown.
+    """
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)

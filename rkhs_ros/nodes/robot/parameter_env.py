@@ -1,0 +1,275 @@
+"""The parameters of a node as a Gymnasium environment: an episode is one step, a trial with one set of values."""
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import rclpy
+import yaml
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
+
+from rkhs_ros.base.endings import RunError, deferred_signals
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import finite_array, require
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.peers import Peers
+from rkhs_ros.nodes.core.spin import ReportingNode
+from rkhs_ros.nodes.core.transport import using_udp
+from rkhs_ros.nodes.robot.sensor_topics import SENSOR_QOS, message_type
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, check_field, field_values, fresh
+from rkhs_ros.robot.tuning import Tuning
+
+Info = dict[str, Any]
+Values = dict[str, Any]
+ATTEMPTS = 3  # at a trial in which a sensor falls silent
+BEFORE = "parameters_before.yaml"  # in the run's folder while they may be changed
+NUMBERS = {ParameterType.PARAMETER_DOUBLE: float, ParameterType.PARAMETER_INTEGER: round}
+
+
+class TuningNode(ReportingNode):
+    """The node that sets parameters and records sensors, with a ROS context of its own.
+
+    Owns the newest message of each topic.
+    """
+
+    def __init__(self, tuning: Tuning) -> None:
+        context = Context()
+        with using_udp():
+            rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+            super().__init__("tuning", context=context)
+        self.diagnostics = Diagnostics(self, dict)
+        self.heard: dict[str, ReceivedMessage] = {}
+        topics = {sensor.topic: (sensor.type, sensor.fields) for _, sensor in tuning.sensors}
+        if tuning.reward.topic:
+            topics[tuning.reward.topic] = tuning.reward.type, (tuning.reward.field,)
+        for topic, (name, fields) in topics.items():
+            kind = message_type(name)
+            for field in fields:
+                check_field(kind(), field)
+            self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
+        self.peers = Peers(self, tuning.timeout)
+
+    def heartbeat(self) -> float:
+        """Publish the status if due; return the seconds until the next time."""
+        return self.diagnostics.heartbeat()
+
+    def close(self) -> None:
+        """Destroy the node and its context."""
+        if self.context.ok():
+            self.peers.close()
+            self.destroy_node()
+            self.context.try_shutdown()
+
+    def _hear(self, topic: str, message: Any) -> None:
+        self.heard[topic] = ReceivedMessage(message, time.monotonic())
+
+
+class ParameterEnv(gymnasium.Env[Any, Any]):
+    """The trials of a tuning.
+
+    An observation is the context, or 0 without one. An action contains the place of each parameter in its range, from
+    -1 to 1. Owns the node, and the values that the parameters had before: they are set again when the environment
+    closes, and are in a file until then, from which the next environment of the folder sets them.
+
+    Args:
+        tuning: the tuning.
+        folder: folder of that file.
+
+    Raises:
+        SilentError: a node does not answer in time.
+        ValueError: the node has no such parameter, it is read-only or no number, or its range is narrower.
+    """
+
+    metadata: Info = {"render_modes": []}
+
+    def __init__(self, tuning: Tuning, folder: Path) -> None:
+        self._tuning, self._file = tuning, folder / BEFORE
+        size, count = max(1, len(tuning.context)), len(tuning.parameters)
+        self.observation_space, self.action_space = Box(-np.inf, np.inf, (size,)), Box(-1.0, 1.0, (count,))
+        self._node = TuningNode(tuning)
+        self._peers = self._node.peers
+        try:
+            self.name = tuning.node if tuning.node.startswith("/") else f"/{tuning.node}"
+            kinds = {"describe": DescribeParameters, "get": GetParameters, "set": SetParametersAtomically}
+            ends = {"describe": "describe_parameters", "get": "get_parameters", "set": "set_parameters_atomically"}
+            self._clients = {
+                key: self._node.create_client(kind, f"{self.name}/{ends[key]}") for key, kind in kinds.items()
+            }
+            for client in self._clients.values():
+                self._peers.wait_for_service(client, self.name)
+            trial = tuning.trial
+            self._start = self._node.create_client(Trigger, trial.service) if trial.service else None
+            self._starts = self._node.create_publisher(Empty, trial.topic, LOCKSTEP_QOS) if trial.topic else None
+            self._kinds = self._checked()
+            self.before = self._remembered()
+        except BaseException:
+            self._node.close()
+            raise
+
+    def values(self, action: ArrayLike) -> Values:
+        """Return the values of an action, of the types of the parameters."""
+        count = len(self._tuning.parameters)
+        places = finite_array(np.reshape(action, -1), (count,), "action")
+        return {name: self._kinds[name](value) for name, value in self._tuning.values(places).items()}
+
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Array, Info]:
+        """Return the context, once all sensors are heard.
+
+        Raises:
+            RunError: a sensor is silent, or its message is unusable.
+        """
+        super().reset(seed=seed)
+        topics = [sensor.topic for _, sensor in self._tuning.sensors]
+        self._node.heard.clear()  # what was heard before the policy was trained is old
+        self._peers.spin(lambda: all(each in self._node.heard for each in topics), self._tuning.timeout)
+        try:
+            columns, sensed = self._tuning.context_columns(), self._sensed()
+        except SensingError as error:
+            raise RunError(str(error)) from error
+        return (sensed[columns] if columns else np.zeros(1)).astype(np.float32), {}
+
+    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
+        """Run a trial; its info contains the values, and the reason if the node rejects them.
+
+        Raises:
+            RunError: a node is silent, the trial does not start, the reward fails, or a sensor is silent in all of
+                three attempts.
+        """
+        tuning, values = self._tuning, self.values(action)
+        reason, reward = self.set(values), tuning.rejected
+        if not reason:
+            self._wait(tuning.trial.settle)
+            reward = self._scored()
+        return np.zeros(self.observation_space.shape or (), np.float32), reward, True, False, values | {"why": reason}
+
+    def set(self, values: Values) -> str:
+        """Set the parameters; return why the node rejects them, or an empty text.
+
+        Raises:
+            SilentError: the node does not answer in time.
+        """
+        request = SetParametersAtomically.Request()
+        request.parameters = [RosParameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        result = self._peers.call(self._clients["set"], request, self.name, repeatable=True).result
+        return "" if result.successful else (result.reason or "without a reason")
+
+    def close(self) -> None:
+        """Set the parameters to what they were before, and close the connection."""
+        if self._node.context.ok():
+            try:
+                with deferred_signals():
+                    self._restore()
+            finally:
+                self._node.close()
+
+    def keep(self, values: Values) -> None:
+        """Set the parameters, and let them stay when the environment closes.
+
+        Raises:
+            RunError: the node rejects them, or is silent.
+        """
+        if reason := self.set(values):
+            raise RunError(f"{self.name}: expected the best parameters to be accepted, got: {reason}")
+        self.before = values
+
+    def _checked(self) -> dict[str, Any]:
+        """Return the type of each parameter, after a check of their descriptors."""
+        kinds = {}
+        for name, ours in self._tuning.parameters.items():
+            request, what = DescribeParameters.Request(names=[name]), f"parameter '{name}' of {self.name}"
+            found = self._peers.call(self._clients["describe"], request, self.name, repeatable=True).descriptors
+            require(
+                len(found) == 1 and found[0].type != ParameterType.PARAMETER_NOT_SET, what, "a declared one", "none"
+            )
+            (descriptor,) = found  # its own name may be another one, if the node shares it between parameters
+            require(descriptor.type in NUMBERS, what, "a double or an integer", f"type {descriptor.type}")
+            require(not descriptor.read_only, what, "one that can be set", "a read-only one")
+            for theirs in (*descriptor.floating_point_range, *descriptor.integer_range):
+                good = theirs.from_value <= ours.minimum and ours.maximum <= theirs.to_value
+                got = f"{ours.minimum:g} to {ours.maximum:g}"
+                require(good, what, f"a range within {theirs.from_value:g} to {theirs.to_value:g}", got)
+            kinds[name] = NUMBERS[descriptor.type]
+        return kinds
+
+    def _remembered(self) -> Values:
+        """Return the values before the run, and write them to the file; after a kill they are those of the file."""
+        if self._file.is_file():
+            before: Values = yaml.safe_load(self._file.read_text())[self.name]["ros__parameters"]
+            self._set_again(before)
+            return before
+        request = GetParameters.Request(names=list(self._tuning.parameters))
+        values = self._peers.call(self._clients["get"], request, self.name, repeatable=True).values
+        before = dict(zip(self._tuning.parameters, map(parameter_value_to_python, values), strict=True))
+        write_parameters(self._file, self.name, before)
+        return before
+
+    def _restore(self) -> None:
+        self._set_again(self.before)
+        self._file.unlink(missing_ok=True)
+
+    def _set_again(self, values: Values) -> None:
+        if reason := self.set(values):
+            raise RunError(f"{self.name}: expected the earlier parameters to be accepted, got: {reason}")
+
+    def _scored(self) -> float:
+        """Run the trial, again if a sensor was silent for a moment, and return its reward."""
+        silent = ""
+        for _ in range(ATTEMPTS):
+            try:
+                times, rows = self._record()
+                return self._tuning.reward.of(self._from_topic(), times, rows)
+            except SensingError as error:
+                silent = str(error)
+        raise RunError(f"trial: {silent}")
+
+    def _record(self) -> tuple[Array, Array]:
+        """Start a trial and record the sensors; return times, shape (k,), and observations, shape (k, d)."""
+        trial = self._tuning.trial
+        if self._starts:
+            self._starts.publish(Empty())
+        if self._start:
+            self._peers.wait_for_service(self._start, trial.service)
+            answer = self._peers.call(self._start, Trigger.Request(), trial.service)
+            if not answer.success:
+                raise RunError(f"{trial.service}: the trial did not start: {answer.message}")
+        begin, count = time.monotonic(), max(1, round(trial.seconds / trial.period))
+        times, rows = np.empty(count), []
+        for row in range(count):
+            self._wait(begin + (row + 1) * trial.period - time.monotonic())
+            times[row] = time.monotonic() - begin
+            rows.append(self._sensed())
+        return times, np.array(rows)
+
+    def _sensed(self) -> Array:
+        return self._tuning.sensors.observation(self._node.heard, time.monotonic())
+
+    def _from_topic(self) -> float:
+        """Return the newest value of the reward topic; 0 without one."""
+        reward, tuning = self._tuning.reward, self._tuning
+        if not reward.topic:
+            return 0.0
+        message = fresh(self._node.heard, reward.topic, time.monotonic(), tuning.stale_after)
+        return field_values(message, reward.field)[0]
+
+    def _wait(self, seconds: float) -> None:
+        self._peers.spin(lambda: False, seconds)
+
+
+def write_parameters(file: Path, node: str, values: Values) -> None:
+    """Write parameters to a file that ``ros2 param load`` reads."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, yaml.safe_dump({node: {"ros__parameters": values}}, sort_keys=False).encode())
