@@ -1,5 +1,6 @@
-"""Look up what a task defines for pictures: reference returns, and names of observations and actions."""
+"""Look up what a task defines for pictures: reference returns, names of observations and actions, and a 3D scene."""
 
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -10,8 +11,10 @@ from rkhs_ros.policies.inputs import Names, default_names, reported_names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rollouts.environments import limit_of, spec_of
+from rkhs_ros.rollouts.visualization import ShowsBodies
 
 REFERENCE_DISCOUNT = 0.99
+SCENE = ("view_direction", "bounds", "bodies", "motion")  # methods of `ShowsBodies`
 
 
 def references(task: Task) -> dict[str, float]:
@@ -47,12 +50,26 @@ def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
     return reported_names(_attribute(task, f"{kind}_names"), count) or default_names(kind, count)
 
 
+def scene_of(task: Task) -> ShowsBodies | None:
+    """Create and return the task if its class defines a 3D scene; otherwise return None without creating the task."""
+    with suppress(Exception):  # user code that the page can do without
+        for maker in _makers(task):
+            if all(hasattr(maker, name) for name in SCENE):
+                made = maker(**task.options)
+                return made if isinstance(made, ShowsBodies) else None
+    return None
+
+
 def _attribute(task: Task, name: str) -> Any:
     """Return an attribute of the task's entry point; None if it has none, or the task is not installed."""
     with suppress(Exception):  # user code that a picture can do without
-        spec = spec_of(task.environment)
-        for entry in (spec.vector_entry_point, spec.entry_point):
-            maker = load_env_creator(entry) if isinstance(entry, str) else entry
-            if hasattr(maker, name):
-                return getattr(maker, name)
+        return next((getattr(maker, name) for maker in _makers(task) if hasattr(maker, name)), None)
     return None
+
+
+def _makers(task: Task) -> Iterator[Any]:
+    """Yield the entry points of the environment, the vectorized one first."""
+    spec = spec_of(task.environment)
+    for entry in (spec.vector_entry_point, spec.entry_point):
+        if entry is not None:
+            yield load_env_creator(entry) if isinstance(entry, str) else entry

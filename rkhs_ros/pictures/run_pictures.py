@@ -1,6 +1,7 @@
 """Draw the pictures of a run from its folder: the learning curve and the policy."""
 
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,8 @@ from rkhs_ros.runs.curve import Curve, columns
 MOST_ATTEMPTS = 10_000  # newest ones, which are drawn
 FEW = 30  # iterations up to which the points are marked
 Flags = NDArray[np.bool_]
+Columns = Mapping[str, NDArray[Any]]  # of a learning curve, by name
+NO_OTHERS: Mapping[str, Columns] = {}
 
 
 def draw_run(folder: Path) -> list[Path]:
@@ -84,33 +87,36 @@ def _checked(episodes: Episodes, policy: GaussianPolicy) -> Episodes:
     return episodes
 
 
-def curve_figure(curve: Mapping[str, NDArray[Any]], task: Task) -> Figure:
+def curve_figure(
+    curve: Columns, task: Task, others: Mapping[str, Columns] = NO_OTHERS, size: tuple[float, float] = (6.6, 4.6)
+) -> Figure:
     """Return a figure of the returns per iteration, with the reference returns of the task.
 
     Args:
         curve: columns of curve.csv, by name.
         task: task of the run.
+        others: columns of other runs by name. If there are any, their evaluation returns are drawn, too, and all
+            curves are drawn over exploration episodes, since iterations of different runs are not comparable.
+        size: width and height in inches.
     """
-    figure = sheet(6.6, 4.6, task.environment)
+    figure = sheet(*size, task.environment)
     axes = figure.subplots()
-    iterations, mean = curve["iteration"], curve["evaluation_return"]
-    evaluated = np.isfinite(mean)
-    marker = "." if len(iterations) <= FEW else ""
-    axes.plot(iterations, curve["exploration_return"], color=COLOURS[1], marker=marker, label="exploration")
-    if evaluated.any():
-        look: dict[str, Any] = {
-            "color": COLOURS[0],
-            "linewidth": 2,
-            "marker": marker,
-            "label": "evaluation (policy mean)",
-        }
-        axes.plot(iterations[evaluated], mean[evaluated], **look)
-    modelled = np.isfinite(curve["model_return"])
-    if modelled.any():
-        look = {"color": COLOURS[2], "linewidth": 1, "linestyle": "--", "label": "model rollouts"}
-        axes.plot(iterations[modelled], curve["model_return"][modelled], **look)
+    across = "episodes" if others else "iteration"
+    marker = "." if len(curve[across]) <= FEW else ""
+    noisy, mean, modelled = {"color": COLOURS[1]}, {"color": COLOURS[0], "linewidth": 2}, {"color": COLOURS[2]}
+    lines: list[tuple[str, Columns, str, dict[str, Any]]] = [
+        ("exploration", curve, "exploration_return", noisy | {"marker": marker}),
+        ("evaluation (policy mean)", curve, "evaluation_return", mean | {"marker": marker}),
+        ("model rollouts", curve, "model_return", modelled | {"linewidth": 1, "linestyle": "--"}),
+    ]
+    for (name, other), colour in zip(others.items(), cycle(COLOURS[3:]), strict=False):
+        lines.append((name, other, "evaluation_return", {"color": colour}))
+    for name, some, column, look in lines:
+        measured = np.isfinite(some[column])
+        if measured.any():
+            axes.plot(some[across][measured], some[column][measured], label=name, **look)
     draw_references(axes, references(task))
-    label(axes, "iteration", "discounted return")
+    label(axes, "exploration episodes" if others else across, "discounted return")
     whole_ticks(axes)
     legend_above(axes)
     return figure

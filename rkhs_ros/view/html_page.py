@@ -9,9 +9,9 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.runs.curve import columns
 from rkhs_ros.view.iteration_panel import IterationPanel
+from rkhs_ros.view.page import clock, counted
 from rkhs_ros.view.recorded import Recorded, state_of
 from rkhs_ros.view.serving import opened
-from rkhs_ros.view.status import clock, counted
 
 ADDRESS, PORT = "127.0.0.1", 8080  # of the server that draws the scene, or the next free port
 CURVE_DPI = 110

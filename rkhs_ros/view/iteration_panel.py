@@ -13,8 +13,8 @@ from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
 from rkhs_ros.rollouts.visualization import BodyTrajectories
 from rkhs_ros.view.board import Choice, Subject, draw
 from rkhs_ros.view.recorded import MODEL_ROLLOUTS, IterationView, Recorded
+from rkhs_ros.view.scenes import appearance_of
 from rkhs_ros.view.stage import Stage
-from rkhs_ros.view.tasks import appearance_of
 from rkhs_ros.view.timeline import Timeline
 
 LONGEST_PLAY_S = 8.0  # longer episodes are played faster

@@ -2,19 +2,21 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Protocol
+from math import isnan, nan
+from typing import Any
 
 from viser import GuiApi, ViserServer
 
-from rkhs_ros.pictures.known import references
-from rkhs_ros.view.curve_plot import CurvePlot
+from rkhs_ros.pictures.run_pictures import curve_figure
+from rkhs_ros.pictures.style import pixels
+from rkhs_ros.runs.curve import columns, seconds_left
+from rkhs_ros.runs.report import advice_in
 from rkhs_ros.view.iteration_panel import IterationPanel
 from rkhs_ros.view.recorded import RUNNING, Recorded, state_of
-from rkhs_ros.view.status import status
 
 MAX_CACHED = 12  # iterations in memory
 PANEL_WIDTH_PX = 390
-CURVE_PX, BESIDE_ROBOT_PX = 210, 150  # height of the curve, without and with a robot in the panel
+CURVE_IN, CURVE_DPI = (4.4, 3.0), 160  # size of the curve, and its resolution on sharp screens
 RECENT = 6  # iterations whose episodes are drawn, including the selected one
 # Below this width, viser puts a narrow panel over the lower part of the scene: widen it, and end the scene above it.
 ON_PHONE = """<style>@media (max-width: 36em) {
@@ -32,20 +34,7 @@ ARM_HINT = (
 NodeReport = tuple[str, str, str]  # name, level and message of a node
 
 
-class Reports(Protocol):
-    """The reports of a run's nodes; see `rkhs_ros.nodes.watch.NodeReports`."""
-
-    def nodes(self) -> Sequence[NodeReport]:
-        """Return the name, the level and the message of each node."""
-
-    def gate(self) -> Mapping[str, Any] | None:
-        """Return the fields of the gate's state by name; None without a gate."""
-
-    def close(self) -> None:
-        """Stop listening."""
-
-
-OpenReports = Callable[[], Reports | None]
+OpenReports = Callable[[], Any]  # starts to listen; returns `rkhs_ros.nodes.watch.NodeReports`, or None without nodes
 
 
 class NodesPanel:
@@ -60,7 +49,7 @@ class NodesPanel:
 
     def __init__(self, gui: GuiApi, open_reports: OpenReports) -> None:
         self._open = open_reports
-        self._reports: Reports | None = None
+        self._reports: Any = None
         self._nodes = gui.add_markdown("", visible=False)
         self._gate = gui.add_markdown("", visible=False)
 
@@ -145,8 +134,9 @@ class Page:
         gui.add_html(ON_PHONE)
         self._status = gui.add_markdown("")
         self._nodes = NodesPanel(gui, open_reports)
-        height = BESIDE_ROBOT_PX if source.nodes else CURVE_PX
-        self._curve = CurvePlot(gui, gui.add_folder("Learning curve"), references(source.task), height)
+        self._curve: Any = None
+        self._curve_folder = gui.add_folder("Learning curve")
+        self._drawn: list[int] = []
         hint = "From the first to the last stored iteration. At its right end the slider follows the run."
         self._iteration: Any = gui.add_slider("Iteration", 0, 1, 1, 0, disabled=True, hint=hint)
         self._showing = IterationPanel(server, source)
@@ -162,7 +152,7 @@ class Page:
         self._status.content = status(self._source, state)
         for other in self._others.values():
             other.refresh()
-        self._curve.draw(self._source.rows, {name: other.rows for name, other in self._others.items()})
+        self._draw_curve()
         self._follow()
 
     def listen(self) -> None:
@@ -186,6 +176,21 @@ class Page:
         self._status.content = "### The viewer has ended\nRestart it with `rkhs view`."
         self._server.flush()
 
+    def _draw_curve(self) -> None:
+        """Draw the learning curve, and the evaluation returns of other runs, if a curve changed."""
+        lengths = [len(each.rows) for each in (self._source, *self._others.values())]
+        if lengths == self._drawn or not self._source.rows:
+            return
+        self._drawn = lengths
+        others = {name: columns(other.rows) for name, other in self._others.items()}
+        figure = curve_figure(columns(self._source.rows), self._source.task, others, CURVE_IN)
+        figure.set_dpi(CURVE_DPI)
+        if self._curve is None:
+            with self._curve_folder:
+                self._curve = self._gui.add_image(pixels(figure), format="png")
+        else:
+            self._curve.image = pixels(figure)
+
     def _follow(self) -> None:
         """Update the range of the slider; if it is at its right end, move it to the newest iteration."""
         iterations, slider = self._source.iterations, self._iteration
@@ -197,3 +202,36 @@ class Page:
             slider.disabled = False
         if follows:
             slider.value = iterations[-1]
+
+
+def status(source: Recorded, state: str) -> str:
+    """Return the progress of a run as Markdown."""
+    rows = source.rows
+    lines = [f"### {state.capitalize()}: iteration {rows[-1].iteration if rows else 0} of {source.total}"]
+    if rows:
+        last = rows[-1]
+        counts = {"episode": last.episodes, "step": last.steps, "centre": last.centres}
+        sizes = ", ".join(counted(count, what) for what, count in counts.items() if count)
+        seconds = seconds_left(rows, source.total) if state == RUNNING else nan
+        lines.append(f"{sizes}, {clock(last.seconds)}" + ("" if isnan(seconds) else f", about {clock(seconds)} left"))
+        evaluated = (row.evaluation_return for row in reversed(rows) if not isnan(row.evaluation_return))
+        evaluation = next(evaluated, nan)
+        returns = ("exploration", last.exploration_return), ("evaluation", evaluation), ("model", last.model_return)
+        known = [f"{kind} **{value:.4g}**" for kind, value in returns if not isnan(value)]
+        lines.append(f"Return: {', '.join(known)}")
+    lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]
+    what = f"`{source.task.environment}` in " * bool(source.task.environment)
+    return "\n\n".join([*lines, f"{what}`{source.path}`"])
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number with its noun, such as "3 episodes"."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def clock(seconds: float) -> str:
+    """Return a duration in rounded units, such as "5 h 33 min"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"

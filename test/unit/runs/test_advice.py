@@ -14,8 +14,8 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.report import advice_in
 from rkhs_ros.runs.run import run_training
+from rkhs_ros.view.page import status
 from rkhs_ros.view.recorded import FINISHED, Recorded
-from rkhs_ros.view.status import status
 from test.unit.conftest import model_free
 
 CONSTANT = SIGNS[0][1]  # the reward has not changed

@@ -17,7 +17,8 @@ from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import locked
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.pictures.known import names_of
+from rkhs_ros.pictures.known import names_of, scene_of
+from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
@@ -33,8 +34,8 @@ viser = pytest.importorskip("viser")
 
 from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates  # noqa: E402
 from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
-from rkhs_ros.view.curve_plot import MAX_POINTS, plotted  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
+from rkhs_ros.view.page import status  # noqa: E402
 from rkhs_ros.view.recorded import (  # noqa: E402
     ENDED,
     FINISHED,
@@ -43,8 +44,6 @@ from rkhs_ros.view.recorded import (  # noqa: E402
     state_of,
 )
 from rkhs_ros.view.serving import opened  # noqa: E402
-from rkhs_ros.view.status import status  # noqa: E402
-from rkhs_ros.view.tasks import scene_of  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -177,38 +176,14 @@ def test_the_lock_determines_the_state_of_a_run(folder: Path, tmp_path: Path) ->
     )
 
 
-def row(number: int, **values: float) -> Row:
-    zeros = dict.fromkeys(Row._fields, 0)
-    return Row(**zeros | {"iteration": number, "episodes": 5 * number, "model_return": float("nan")} | values)
-
-
-def test_the_curve_shows_measured_and_reference_returns() -> None:
-    rows = [
-        row(i, exploration_return=i, evaluation_return=10 * i if i % 3 == 0 else float("nan")) for i in range(1, 10)
-    ]
-    data = plotted(rows, {"optimum": 7.0}, {})
-    assert list(data) == ["episodes", "exploration_return", "evaluation_return", "optimum"]
-    assert data["episodes"].tolist() == [5 * i for i in range(1, 10)]
-    assert np.array_equal(data["evaluation_return"], [np.nan, np.nan, *np.arange(30.0, 100.0, 10.0)], equal_nan=True)
-    assert set(data["optimum"]) == {7.0}
-
-
-def test_other_runs_are_drawn_over_their_own_episodes() -> None:
-    rows = [row(i, evaluation_return=i) for i in (1, 2, 3)]  # after 5, 10 and 15 episodes
-    longer = [row(i, evaluation_return=10 * i) for i in (2, 4, 6)]
-    unevaluated = [row(1, evaluation_return=float("nan"))]
-    data = plotted(rows, {}, {"longer": longer, "unevaluated": unevaluated, "not begun": []})
-    assert data["episodes"].tolist() == [5, 10, 15, 20, 30]
-    nan = float("nan")
-    assert np.array_equal(data["evaluation_return"], [1, 2, 3, nan, nan], equal_nan=True)
-    assert np.array_equal(data["longer"], [nan, 20, 30, 40, 60], equal_nan=True)
-    assert not {"unevaluated", "not begun"} & set(data)
-
-
-def test_a_long_curve_is_thinned_and_keeps_its_last_row() -> None:
-    data = plotted([row(i, exploration_return=i) for i in range(1, 50_001)], {}, {})
-    assert len(data["episodes"]) == MAX_POINTS
-    assert data["exploration_return"][-1] == 50_000
+def test_curves_of_several_runs_are_drawn_over_episodes(folder: Path) -> None:
+    rows = Curve(folder / "curve.csv").rows()
+    task = load_config(folder / "config.yaml").task
+    figure = curve_figure(columns(rows), task, {"other": columns(rows[:2]), "not begun": columns([])})
+    drawn = {line.get_label(): line.get_xydata().tolist() for line in figure.axes[0].lines}
+    assert drawn["other"] == [[rows[1].episodes, rows[1].evaluation_return]]  # evaluated in every second iteration
+    assert drawn["exploration"] == [[row.episodes, row.exploration_return] for row in rows]
+    assert "not begun" not in drawn
 
 
 @pytest.mark.parametrize("angles", ["none", (0.0, 2.0)])

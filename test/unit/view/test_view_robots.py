@@ -13,11 +13,9 @@ from viser.transforms import SO3
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.runs.config import Config, load_config
-from rkhs_ros.view.bodies import Surface
-from rkhs_ros.view.robot_scene import RobotScene, sensed_joints
-from rkhs_ros.view.tasks import appearance_of
+from rkhs_ros.view.bodies import Surface, UrdfBodies
+from rkhs_ros.view.scenes import RobotScene, appearance_of, sensed_joints
 from rkhs_ros.view.timeline import Timeline
-from rkhs_ros.view.urdf_bodies import UrdfBodies
 
 CONFIGS = Path(__file__).parents[3] / "config"
 TWO_LINKS = """<robot name="two">
@@ -115,11 +113,11 @@ def configured() -> Config:
 
 def arm(observations: Array, actions: Array) -> RobotScene:
     config = configured()
-    look = appearance_of(config.task, None, config.environment.nodes, observations, actions)
-    assert isinstance(look.scene, RobotScene)
-    assert look.names.observations[0].startswith("mark ")
-    assert look.names.actions[0].startswith("panda_joint1 ")
-    return look.scene
+    names, scene = appearance_of(config.task, None, config.environment.nodes, observations, actions)
+    assert isinstance(scene, RobotScene)
+    assert names.observations[0].startswith("mark ")
+    assert names.actions[0].startswith("panda_joint1 ")
+    return scene
 
 
 def task() -> RobotTask:
@@ -175,9 +173,9 @@ def test_sensed_joints_are_found_in_the_observation() -> None:
 
 def test_the_motor_pendulum_looks_like_the_pendulum() -> None:
     config = load_config(CONFIGS / "robot_pendulum.yaml")
-    look = appearance_of(config.task, None, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
-    assert type(look.scene).__name__ == "Pendulum"
-    assert [name.split()[:2] for name in look.names.observations] == [["motor", "position"], ["motor", "velocity"]]
+    names, scene = appearance_of(config.task, None, config.environment.nodes, np.zeros((3, 2)), np.zeros((3, 1)))
+    assert type(scene).__name__ == "Pendulum"
+    assert [name.split()[:2] for name in names.observations] == [["motor", "position"], ["motor", "velocity"]]
 
 
 def test_robots_without_a_urdf_have_a_timeline() -> None:
@@ -185,4 +183,4 @@ def test_robots_without_a_urdf_have_a_timeline() -> None:
     nodes.pop("simulated_robot")
     mine = SimpleNamespace(environment="mine", options={})
     for some in (nodes, {"robot": {"task": "gone"}, "gate": {}}):
-        assert isinstance(appearance_of(mine, None, some, np.zeros((3, 2)), np.zeros((3, 1))).scene, Timeline)
+        assert isinstance(appearance_of(mine, None, some, np.zeros((3, 2)), np.zeros((3, 1)))[1], Timeline)

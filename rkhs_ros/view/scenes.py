@@ -1,18 +1,24 @@
-"""Show a robot's episodes in 3D: its bodies at the sensed or commanded joint positions, and the sensed points."""
+"""Find the 3D scene of a task; that of a robot has its bodies at the joint positions, and the sensed points."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from viser.transforms import SO3
 
+from rkhs_ros.pictures.known import names_of, scene_of
 from rkhs_ros.pictures.style import COLOURS
+from rkhs_ros.policies.inputs import Names
+from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import JOINT_STATE
-from rkhs_ros.robot.task import RobotTask
+from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.robot.urdf import located
-from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive, Surface, three
-from rkhs_ros.view.urdf_bodies import UrdfBodies
+from rkhs_ros.rollouts.visualization import ShowsBodies
+from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive, Surface, UrdfBodies, three
+from rkhs_ros.view.timeline import Timeline
 
 Point = tuple[float, float, float]
 AXES = "xyz"
@@ -20,6 +26,8 @@ BALL_M = 0.06  # diameter of a sensed point
 MARGIN_M = 0.02  # around all bodies
 EYE = (0.9, -1.6, 0.5)
 BLUE, RED, GREEN, PINK, *_ = COLOURS
+TWIN = Task("rkhs/Pendulum-v0", {}, 1, 1.0)  # has the scene of the simulated robot with this joint
+TWINS_JOINT = "motor"
 SHADES = (RED, GREEN, PINK, BLUE)  # of the sensed points
 
 
@@ -108,6 +116,44 @@ class RobotScene:
         low = np.min([corner.min(axis=(0, 2)) for corner in corners], axis=0) - MARGIN_M
         high = np.max([corner.max(axis=(0, 2)) for corner in corners], axis=0) + MARGIN_M
         return three(low), three(high)
+
+
+def appearance_of(
+    task: Task, spaces: Spaces, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
+) -> tuple[Names, ShowsBodies]:
+    """Return the names of a task and its scene; a timeline of its observations and actions if it defines none.
+
+    Args:
+        task: task of the run.
+        spaces: spaces of the task.
+        nodes: parameters of a robot's nodes by node name; empty for a simulator.
+        observations: observations of an episode, shape (steps, d).
+        actions: actions of that episode, shape (steps, n).
+    """
+    widths = observations.shape[1], actions.shape[1]
+    with suppress(Exception):  # the nodes do not fit the robot, or user code fails
+        if nodes:
+            return _robot_appearance(task, nodes, observations, actions)
+    names = names_of(task, *widths, spaces)
+    return names, scene_of(task) or Timeline(names)
+
+
+def _robot_appearance(
+    task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
+) -> tuple[Names, ShowsBodies]:
+    """Return the names of a robot, and its URDF, the scene of its simulated twin, or a timeline.
+
+    Raises:
+        ValueError: the parameters of the nodes are invalid.
+    """
+    robot = robot_task_from(nodes["robot"])
+    names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
+    scene: ShowsBodies | None = None
+    with suppress(ValueError, OSError):
+        scene = robot_scene(nodes, robot, observations, actions)
+    if scene is None and "simulated_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
+        scene = scene_of(TWIN)
+    return names, scene or Timeline(names)
 
 
 def robot_scene(
