@@ -55,7 +55,6 @@ setup(
     ],
     python_requires=">=3.11",
     install_requires=[
-        "argcomplete>=3",
         "gymnasium>=1.1",
         "joblib>=1.3",
         "matplotlib>=3.6",

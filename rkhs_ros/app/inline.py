@@ -1,5 +1,6 @@
 """Runs and policies in this process; importing this module registers the project's tasks."""
 
+import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,9 +14,10 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
-from rkhs_ros.rollouts.environments import time_limit
+from rkhs_ros.rollouts.environments import Source, time_limit
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import ENVIRONMENT, Config, Environment, config_for, tree_of
@@ -92,50 +94,44 @@ def iterations(config: Config) -> Iterator[Iteration]:
         yield from train(config.training, runner)
 
 
+def add_environment_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the option that names the environment of a run or policy, for commands that read it from files."""
+    about = "the environment, MODULE:ID, if its module is in the current folder, or if the file names none"
+    parser.add_argument("--env", metavar="ID", help=about)
+
+
 @contextmanager
-def load_acting(path: Path, environment: str | None = None) -> Iterator[tuple[GaussianPolicy, Task, InlineRunner]]:
+def load_acting(
+    policy: Policy | str | Path, source: Source | None = None
+) -> Iterator[tuple[GaussianPolicy, Task, InlineRunner]]:
     """Load a policy; yield it with its task and a runner, which closes when the context exits.
 
     Args:
-        path: a policy file, or the folder of a run, which stands for its last policy.
-        environment: id that the file must name if it names an environment.
+        policy: a policy, its file, or the folder of a run, which stands for its last policy.
+        source: the environment, as for `train`; None creates the one that the policy names.
 
     Raises:
-        ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit its task.
+        ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit the environment.
+        OSError: the file cannot be read.
     """
-    path = policy_file(path)
-    policy, task = load_policy(path)
-    named = task.environment or environment or ""
-    require(named != "", f"{path}", "a policy that names its environment", "one without (see --env)")
-    check_environment(environment, named, f"{path}")
-    task = replace(task, environment=named)
-    with runner_of(Environment(task.environment, task.options)) as runner:
-        check_fit(policy, runner, f"{path}")
-        yield policy, task, runner
-
-
-def check_environment(given: str | None, known: str, what: str) -> None:
-    """Raise ValueError if ``--env`` names another environment than a run or a policy, which ``what`` names."""
-    require(given in (None, known), "--env", f"{known}, the environment of {what}", given)
-
-
-def policy_file(path: Path) -> Path:
-    """Return a policy file; the folder of a run stands for its last policy.
-
-    Raises:
-        ValueError: there is no such file or folder, or the folder contains no policy yet.
-    """
-    require(path.exists(), f"{path}", "a policy file, or the folder of a run", "neither a file nor a folder")
-    return last_policy(path) if path.is_dir() else path
-
-
-def check_fit(policy: GaussianPolicy, runner: InlineRunner, what: str) -> None:
-    """Raise ValueError, which begins with ``what``, unless a policy fits the environment of a runner."""
-    spaces, mean = runner.spaces, policy.mean
-    input_dim = policy.inputs.dimension(spaces.observation_dim, spaces.action_dim)
-    require(
-        (input_dim, spaces.action_dim) == (mean.input_dim, mean.output_dim),
-        what,
-        f"a policy from {input_dim} to {spaces.action_dim} dimensions for {runner.simulation.environment}",
-        f"{mean.input_dim} to {mean.output_dim}",
-    )
+    if isinstance(policy, Policy):
+        gaussian, task, what = policy.gaussian, policy.task, "policy"
+    else:
+        path, what = Path(policy), f"{policy}"
+        gaussian, task = load_policy(last_policy(path) if path.is_dir() else path)
+    if source is not None and not isinstance(source, str):
+        runner = InlineRunner(Simulation(source))
+    else:
+        require(
+            bool(source or task.environment), what, "a policy that names its environment", "one without (see --env)"
+        )
+        if source not in (None, task.environment):
+            task = replace(task, environment=source, options={})
+        runner = runner_of(Environment(task.environment, task.options))
+    with runner:
+        spaces, mean = runner.spaces, gaussian.mean
+        inputs = gaussian.inputs.dimension(spaces.observation_dim, spaces.action_dim)
+        expected = f"a policy from {inputs} to {spaces.action_dim} dimensions for {runner.simulation.environment}"
+        got = f"{mean.input_dim} to {mean.output_dim}"
+        require((inputs, spaces.action_dim) == (mean.input_dim, mean.output_dim), what, expected, got)
+        yield gaussian, task, runner

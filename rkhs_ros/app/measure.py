@@ -3,20 +3,17 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from rkhs_ros.app.inline import check_fit, policy_file, runner_of
+from rkhs_ros.app.inline import load_acting
 from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import State
 from rkhs_ros.policies.policy import Policy
-from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.evaluation import Evaluation
-from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
-from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import Environment, load_config
+from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.recorded import memory_of
 from rkhs_ros.runs.report import CONFIGURATION, old_folder
 from rkhs_ros.studies.comparison import Comparison
@@ -47,24 +44,10 @@ def evaluate(
     """
     require(type(episodes) is int and episodes >= 1, "episodes", "a whole number >= 1", episodes)
     require(discount is None or 0.0 <= discount <= 1.0, "discount", "a number in [0, 1]", discount)
-    if isinstance(policy, Policy):
-        gaussian, task, name = policy.gaussian, policy.task, "policy"
-    else:
-        gaussian, task = load_policy(policy_file(Path(policy)))
-        name = str(policy)
-    source: Source = task.environment if env is None else env
-    with one_thread(), _runner_for(source, task) as runner:
-        check_fit(gaussian, runner, name)
+    with one_thread(), load_acting(policy, env) as (gaussian, task, runner):
         collected = runner.collect(gaussian, Batch(seed, 0, episodes, task.horizon, explore=False))
         environment = runner.simulation.environment
     return Evaluation.of(collected, environment, seed, task.discount if discount is None else discount)
-
-
-def _runner_for(source: Source, task: Task) -> InlineRunner:
-    """Return a runner in an environment, with the options of the task if its id is that of the task."""
-    if not isinstance(source, str):
-        return InlineRunner(Simulation(source))
-    return runner_of(Environment(source, task.options if source == task.environment else {}))
 
 
 def compare(folders: str | Path | Iterable[str | Path]) -> Comparison:

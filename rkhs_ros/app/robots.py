@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rkhs_ros.base.ros import missing_ros
 from rkhs_ros.base.settings import build
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import missing_ros, require
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.robot.gate_settings import GateSettings, rules
 from rkhs_ros.robot.limits import Limits

@@ -3,15 +3,12 @@
 import argparse
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.validation import require
-from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import begin, is_started
@@ -44,20 +41,18 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the seeds of a text such as "0-9", "0,2,5" or "0-3,7", in ascending order.
 
     Raises:
-        ValueError: the text is not a list of numbers and ranges, a range is descending, a seed occurs twice, or there
-            are too many seeds.
+        ValueError: the text is not a list of numbers and ascending ranges, a seed occurs twice, or there are too many.
     """
-    seeds: set[int] = set()
-    for part in text.split(","):
-        match = SEEDS.fullmatch(part.strip())
+    seeds: list[int] = []
+    for part in map(str.strip, text.split(",")):
+        match = SEEDS.fullmatch(part)
         if match is None:
-            raise ValueError(f"--seeds: expected seeds such as 0-9 or 0,2,5, got '{part.strip()}'")
+            raise ValueError(f"--seeds: expected seeds such as 0-9 or 0,2,5, got '{part}'")
         first, last = int(match[1]), int(match[2] or match[1])
         require(first <= last, "--seeds", "ascending ranges", part)
         require(len(seeds) + last - first < MOST_SEEDS, "--seeds", f"at most {MOST_SEEDS} seeds", f"more in '{part}'")
-        given = range(first, last + 1)
-        require(seeds.isdisjoint(given), "--seeds", "each seed once", f"one of '{part.strip()}' twice")
-        seeds.update(given)
+        seeds += range(first, last + 1)
+    require(len(set(seeds)) == len(seeds), "--seeds", "each seed once", text)
     return tuple(sorted(seeds))
 
 
@@ -65,56 +60,6 @@ def seed_folders(folder: Path) -> list[Path]:
     """Return the absolute folders of the started runs of several seeds, in the order of the seeds."""
     found = [path for path in folder.resolve().glob(f"{PREFIX}*") if is_started(path)]
     return sorted(found, key=lambda path: (len(path.name), path.name))
-
-
-def begin_seeds(
-    folder: Path, config: Config, seeds: Iterable[int], first_policy: Path | None = None
-) -> dict[Path, Config]:
-    """Start a run for each seed, so that each can be resumed; return the configurations by absolute folder.
-
-    Args:
-        folder: parent of the folders of the runs.
-        config: configuration of the runs, except for the seed.
-        seeds: seeds of the runs.
-        first_policy: file of the initial policy of all runs.
-    """
-    trainings = {seed: replace(config.training, seed=seed) for seed in seeds}
-    runs = {folder.resolve() / f"{PREFIX}{seed}": replace(config, training=t) for seed, t in trainings.items()}
-    for path, each in runs.items():
-        path.mkdir()
-        start_from(path, each, load_policy(first_policy)[0] if first_policy else None)
-        begin(path, each)
-    return runs
-
-
-def study_folder(given: Path | None, *default: str) -> Path:
-    """Return the folder of a study as an absolute path, since workers may have another working directory.
-
-    Args:
-        given: folder that the user chose, if any.
-        default: path within results/ of the default folder.
-
-    Raises:
-        ValueError: the path, or a parent, is a file.
-    """
-    folder = (given or Path("results", *default)).resolve()
-    file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
-    require(file is None, "--out", "a folder", f"the file {file}")
-    return folder
-
-
-def require_all_used(changes: Sequence[str], others: Mapping[str, Iterable[str]]) -> None:
-    """Raise ValueError if --set and another option give the same setting.
-
-    Args:
-        changes: values of --set.
-        others: names of the settings that each other option gives.
-    """
-    for change in changes:
-        name = change.partition("=")[0].strip()
-        for option, names in others.items():
-            replaced = any(f"{name}.".startswith(f"{each}.") for each in names)
-            require(not replaced, "--set", "each setting once", f"{name} in both --set and {option}")
 
 
 def make_missing(
@@ -136,8 +81,7 @@ def make_missing(
         drawn: plot each run.
         tensorboard: write TensorBoard events of each run.
     """
-    how = drawn, tensorboard
-    missing = [(path, each, *how) for path, each in runs.items() if not _is_done(path, each, drawn)]
+    missing = [(path, each, drawn, tensorboard) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}
     try:
         ends.update(run_parallel(_make, missing, jobs=jobs, title=title, quiet=quiet))

@@ -1,5 +1,6 @@
 """Validate values with messages that name the expected value, the value given and the closest valid name."""
 
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
@@ -34,6 +35,21 @@ def require_extra(module: str, extra: str, what: str) -> None:
     """Raise ValueError with an installation hint if a module is missing."""
     remedy = f"{module} to be installed (pip install {module}, or the extra '{extra}')"
     require(find_spec(module) is not None, what, remedy, "none")
+
+
+def missing_ros() -> str:
+    """Return why this Python cannot run nodes, with a remedy; empty if it can. This does not import ROS."""
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    interfaces = find_spec("rkhs_interfaces")  # its origin is None for the folder of the sources
+    if find_spec("rclpy") and interfaces and f"/python{version}/" in (interfaces.origin or ""):
+        return ""
+    return f"no rclpy and rkhs_interfaces for Python {version} (run 'make build', then 'source setup.bash')"
+
+
+def require_ros(what: str) -> None:
+    """Raise ValueError with a remedy if this Python cannot run nodes."""
+    missing = missing_ros()
+    require(not missing, what, "ROS 2 Jazzy and the built interfaces", missing)
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:

@@ -10,7 +10,7 @@ import domain_coordinator
 import numpy as np
 import pytest
 
-from rkhs_ros.app.cli import parser_of
+from rkhs_ros.app.cli import parsed
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -68,7 +68,7 @@ def test_the_commands_and_the_python_blocks_of_a_page_are_valid(page: Path) -> N
             compile(block.code, f"{page.name}:{block.line}", "exec")
         for command in commands(block) if block.language == "bash" else ():
             try:
-                parser_of(command[:1]).parse_args(command)
+                parsed(command)
             except ValueError as error:
                 pytest.fail(f"{page.name}:{block.line}: rkhs {' '.join(command)}: {error}")
 
@@ -77,9 +77,9 @@ def test_commands_of_a_block_are_found_and_invalid_ones_rejected() -> None:
     code = "A=1 rkhs list  # a comment\nmkdir a && rkhs train x.yaml \\\n  --sed 3 > a/b\nls rkhs/ | cat\n"
     first, second = commands(Block("bash", code, "", 1))
     assert (first, second) == (["list"], ["train", "x.yaml", "--sed", "3"])
-    parser_of(first).parse_args(first)
+    parsed(first)
     with pytest.raises(ValueError, match="--sed"):
-        parser_of(second).parse_args(second)
+        parsed(second)
 
 
 def test_a_block_that_fails_fails_the_page(tmp_path: Path) -> None:

@@ -4,10 +4,8 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from importlib.util import find_spec
 from pathlib import Path
 
-import numpy
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -57,28 +55,6 @@ def workspace(tmp_path: Path) -> Path:
 def test_both_packages_are_found_in_a_workspace_and_in_the_repository(workspace: Path) -> None:
     assert found(workspace) == PACKAGES
     assert found(workspace / "src" / "rkhs") == PACKAGES
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not str(find_spec("rclpy").origin).startswith(sys.prefix), reason="all environments have this ROS")
-def test_the_rkhs_of_another_environment_trains_in_process_and_says_why(tmp_path: Path) -> None:
-    """Another environment, without ROS, after this workspace was entered."""
-    other = tmp_path / "other"
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", other], check=True)
-    (packages,) = other.glob("lib/*/site-packages")
-    for path in Path(numpy.__path__[0]).parent.iterdir():
-        if not path.name.startswith("rclpy"):
-            (packages / path.name).symlink_to(path)
-    command = [other / "bin" / "python", "-m", "rkhs_ros.app.cli", "train", ROOT / "config" / "toy_nac.yaml"]
-    environment = os.environ | {"VIRTUAL_ENV": sys.prefix}
-    done = subprocess.run(
-        [*command, "--iterations", "1", "--quiet", "--out", tmp_path / "run"],
-        env={k: v for k, v in environment.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"},
-        capture_output=True, text=True,
-    )  # fmt: skip
-    why = f"{other} has no rclpy (this is not the active environment {sys.prefix}: use its rkhs, or open a"
-    assert done.stderr.startswith(f"note: training with --runner inline, since {why}")
-    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 
 
 @pytest.mark.nightly

@@ -1,10 +1,10 @@
-"""``rkhs robot``: send an operator command to the nodes of a robot."""
+"""``rkhs robot`` and ``rkhs status``: send an operator command to the nodes of a run, and show their status."""
 
 import argparse
 from pathlib import Path
 
 from rkhs_ros.app.domain import domain_of
-from rkhs_ros.base.ros import require_ros
+from rkhs_ros.base.validation import require_ros
 
 WORDS = {
     "arm": "let the gate forward commands, so that the robot can move",
@@ -13,35 +13,46 @@ WORDS = {
     "pause": "start no further episode",
     "veto": "discard the last finished episode",
 }
+FOLDER = "folder of an active run, which names the ROS domain of its nodes (default: domain of ROS_DOMAIN_ID)"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs robot``."""
     words = "; ".join(f"{word}: {about}" for word, about in WORDS.items())
     parser.add_argument("word", choices=WORDS, metavar="WORD", help=words)
-    add_folder(parser)
+    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=FOLDER)
+    parser.set_defaults(run=_robot)
 
 
-def run(options: argparse.Namespace) -> int:
+def _robot(options: argparse.Namespace) -> int:
     """Send the command, and print the answer."""
     require_ros("robot")
-    domain = domain_in(options)
     from rkhs_ros.nodes.watch import command  # here, since the import needs ROS
 
-    print(command(options.word, domain))
+    print(command(options.word, _domain(options)))
     return 0
 
 
-def add_folder(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument that names the run."""
-    about = "folder of an active run, which names the ROS domain of its nodes (default: domain of ROS_DOMAIN_ID)"
-    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=about)
+def add_status(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs status``."""
+    parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=FOLDER)
+    parser.add_argument("--watch", action="store_true", help="refresh every second until Ctrl-C")
+    parser.set_defaults(run=_status)
 
 
-def domain_in(options: argparse.Namespace) -> int | None:
-    """Return the ROS domain of the run that the arguments name; None for that of ROS_DOMAIN_ID.
+def _status(options: argparse.Namespace) -> int:
+    """Print the status; with --watch, until Ctrl-C."""
+    require_ros("status")
+    from rkhs_ros.nodes.watch import show  # here, since the import needs ROS
 
-    Raises:
-        ValueError: the folder has no active run.
-    """
+    try:
+        show(_domain(options), watch=options.watch)
+    except KeyboardInterrupt:
+        if not options.watch:
+            raise
+    return 0
+
+
+def _domain(options: argparse.Namespace) -> int | None:
+    """Return the ROS domain of the active run that the arguments name; None for that of ROS_DOMAIN_ID."""
     return int(domain_of(options.folder)) if options.folder is not None else None

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rkhs_ros.app.library import Result, train
-from rkhs_ros.app.named import configuration
-from rkhs_ros.base.ros import require_ros
+from rkhs_ros.base.validation import require_ros
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.kernels import Array
@@ -29,23 +28,19 @@ NEAR = 0.1  # distance of two trials up to which their rewards differ by noise
 BEST = "parameters.yaml"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+def add_tune_node(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs tune-node``."""
     add = parser.add_argument
-    add("file", type=configuration, metavar="FILE", help="YAML file of the tuning; see docs/tune_node.md")
+    add("file", type=Path, metavar="FILE", help="YAML file of the tuning; see docs/tune_node.md")
     add("--trials", type=int, metavar="N", help="maximum number of trials instead of that of the file")
     add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: results/FILE); an unfinished run resumes")
     add("--apply", action="store_true", help="leave the best parameters set at the end")
+    parser.set_defaults(run=_tune_node)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``.
-
-    Raises:
-        ValueError: ROS is missing, or the file does not describe a tuning of the node.
-        RunError: a node is silent, or the reward fails.
-    """
+def _tune_node(options: argparse.Namespace) -> int:
+    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``."""
     require_ros("rkhs tune-node")
     tree = loaded(options.file.read_text())
     tuning = tuning_from(tree | ({"trials": options.trials} if options.trials else {}))

@@ -9,17 +9,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import rkhs_ros.app.inline  # noqa: F401  # registers the tasks, which are shown
 from rkhs_ros.app.domain import domain_of
-from rkhs_ros.app.named import add_environment_argument
-from rkhs_ros.base.endings import INTERRUPTED, Lossy
+from rkhs_ros.app.inline import add_environment_argument
+from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import python, terminate_with_parent
-from rkhs_ros.base.ros import missing_ros
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import missing_ros, require, require_extra
 from rkhs_ros.recordings.recording import FILE
 
 if TYPE_CHECKING:
@@ -31,41 +28,28 @@ RESULTS = Path("results")
 NICENESS = 5  # of the page process, so that the run has priority
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+def add_view(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs view``."""
     add = parser.add_argument
-    add(
-        "path",
-        type=Path,
-        nargs="?",
-        metavar="DIR|FILE",
-        help="a run's folder, or a recording (default: newest run in results/)",
-    )
+    about = "a run's folder, or a recording (default: newest run in results/)"
+    add("path", type=Path, nargs="?", metavar="DIR|FILE", help=about)
     add("others", type=Path, nargs="*", metavar="OTHER", help="other runs, to compare their evaluation returns")
     add("--wait", action="store_true", help="wait for a run that is about to start its recording")
     add("--host", default=HOST, help="address to listen on; 0.0.0.0 admits other machines (default: %(default)s)")
-    add(
-        "--port",
-        type=int,
-        default=PORT,
-        metavar="N",
-        help="port; the next free port is used if taken (default: %(default)s)",
-    )
+    about = "port; the next free port is used if taken (default: %(default)s)"
+    add("--port", type=int, default=PORT, metavar="N", help=about)
     add_environment_argument(parser)
+    parser.set_defaults(run=_view)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C.
-
-    Raises:
-        ValueError: the run does not exist, or viser is not installed.
-    """
-    require_viser()
+def _view(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    require_extra("viser", "view", "view")
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
     from rkhs_ros.view.serving import serve, source_of, wait_for_recording
 
     os.nice(NICENESS)
-    path = options.path or newest_run(RESULTS)
+    path = options.path or _newest_run(RESULTS)
     source = None if options.wait else source_of(path)
     folder = source.path if source else path.parent
     others = {str(other): source_of(other) for other in options.others}
@@ -92,11 +76,6 @@ def reports_of(folder: Path) -> Callable[[], NodeReports | None]:
     return reports
 
 
-def require_viser() -> None:
-    """Raise ValueError if viser is not installed."""
-    require(find_spec("viser") is not None, "view", "viser (pip install 'rkhs_ros[view]')", "none")
-
-
 @contextmanager
 def page_beside(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Serve the page of a run in a separate process, whose failure does not affect the run.
@@ -118,7 +97,7 @@ def page_beside(folder: Path) -> Iterator[subprocess.Popen[str]]:
     end = page.kill  # no browser is connected while the process starts
     try:
         if page.stdout and (address := page.stdout.readline()):
-            print(address, end="", file=Lossy(sys.stdout), flush=True)
+            print(address, end="", flush=True)
             end = page.terminate
         yield page
     finally:
@@ -134,12 +113,8 @@ def stay_with(page: subprocess.Popen[str]) -> None:
             page.wait()
 
 
-def newest_run(results: Path) -> Path:
-    """Return the folder of the most recently written run.
-
-    Raises:
-        ValueError: there is no run.
-    """
+def _newest_run(results: Path) -> Path:
+    """Return the folder of the most recently written run."""
     runs = {file.parent for file in results.glob("**/config.yaml")}
     require(bool(runs), f"{results}", "at least one run, or the argument DIR", "none")
     return max(runs, key=lambda folder: max(path.stat().st_mtime for path in folder.iterdir()))

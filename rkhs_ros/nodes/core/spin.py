@@ -34,7 +34,6 @@ from rkhs_ros.base.endings import (
     Stop,
     StoppedError,
     print_error,
-    tolerate_lost_stderr,
 )
 from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.settings import Entry
@@ -180,8 +179,7 @@ def run(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode,
         name: of the node.
         work: runs with the node until the event is set.
     """
-    with tolerate_lost_stderr():
-        sys.exit(_code_of(make_node, name, work))
+    sys.exit(_code_of(make_node, name, work))
 
 
 def _code_of(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:

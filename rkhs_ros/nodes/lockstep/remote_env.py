@@ -11,8 +11,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.ros import EXPECTED, missing_ros
-from rkhs_ros.base.validation import finite_array, require, truncated
+from rkhs_ros.base.validation import finite_array, missing_ros, require, truncated
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -32,7 +31,7 @@ try:
     from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
 except ImportError as error:
     got = missing_ros() or error
-    raise DependencyNotInstalled(f"rkhs/Remote-v0: expected {EXPECTED}, got none: {got}") from error
+    raise DependencyNotInstalled(f"rkhs/Remote-v0: expected ROS 2 Jazzy and the built interfaces, got {got}") from error
 
 Values = NDArray[np.floating[Any]]
 Info = dict[str, Any]

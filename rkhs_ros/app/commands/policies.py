@@ -1,0 +1,161 @@
+"""``rkhs evaluate``, ``rkhs render``, ``rkhs plot`` and ``rkhs export``: measure, show and export policies."""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rkhs_ros.app.domain import reserved_domain
+from rkhs_ros.app.inline import add_environment_argument, load_acting
+from rkhs_ros.app.launcher import launch, write_parameters
+from rkhs_ros.app.measure import evaluate
+from rkhs_ros.app.robots import check_robot, default_domain, robot_of
+from rkhs_ros.base.endings import FAILED, RESUMABLE
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require, require_extra, require_ros
+from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
+from rkhs_ros.policies.policy import load
+from rkhs_ros.policies.storage import load_policy
+from rkhs_ros.recordings.lerobot import export
+from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.config import Config
+from rkhs_ros.runs.report import last_policy
+
+EPISODES, ROBOT_EPISODES, FRAMES = 100, 10, 60  # defaults of --episodes and --frames
+POLICY = "a run's folder, or a policy file"
+FORMATS = (".onnx", ".html")
+
+
+def add_evaluate(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs evaluate``."""
+    add, about = parser.add_argument, f"number of episodes (default: {EPISODES}; {ROBOT_EPISODES} on a robot)"
+    add("policy", type=Path, metavar="DIR|FILE", help=POLICY)
+    add("--episodes", type=int, metavar="N", help=about)
+    add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
+    add("--discount", type=float, metavar="D", help="discount factor of the return (default: that of the task)")
+    add_environment_argument(parser)
+    parser.set_defaults(run=_evaluate)
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    """Print the discounted and the undiscounted evaluation return as JSON."""
+    if (config := robot_of(options.policy)) is not None:
+        return _evaluate_on_robot(options, config)
+    episodes = EPISODES if options.episodes is None else options.episodes
+    how = {"episodes": episodes, "seed": options.seed, "discount": options.discount}
+    print(json.dumps(evaluate(options.policy, options.env, **how).statistics(), indent=2))
+    return 0
+
+
+def _evaluate_on_robot(options: argparse.Namespace, config: Config) -> int:
+    """Start the robot's nodes for evaluation episodes; the learner node prints the return."""
+    require_ros("rkhs evaluate")
+    folder = options.policy if options.policy.is_dir() else options.policy.parent
+    policy = last_policy(folder) if options.policy.is_dir() else options.policy
+    load_policy(policy)
+    check_robot(config)
+    episodes = ROBOT_EPISODES if options.episodes is None else options.episodes
+    discount = config.training.discount if options.discount is None else options.discount
+    asked = {"evaluation_episodes": episodes, "seed": options.seed, "discount": discount}
+    config = replace(config, training=replace(config.training, **asked))
+    paths = {"evaluate": str(policy.resolve()), "output": str(folder.resolve())}
+    with reserved_domain(folder, default_domain(config)), TemporaryDirectory() as place:
+        code = launch(config, write_parameters(config, Path(place) / "parameters.yaml", **paths))
+    return FAILED if code == RESUMABLE else code
+
+
+def add_render(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs render``."""
+    add = parser.add_argument
+    add("policy", type=Path, metavar="DIR|FILE", help=POLICY)
+    add("--out", type=Path, metavar="DIR", help="folder for film.png and film.gif (default: that of the policy)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
+    about = "maximum number of pictures (default: %(default)s)"
+    add("--frames", type=int, default=FRAMES, metavar="N", help=about)
+    add_environment_argument(parser)
+    parser.set_defaults(run=_render)
+
+
+def _render(options: argparse.Namespace) -> int:
+    """Write the film strip and the animation, and print their paths."""
+    from rkhs_ros.pictures.film import animate, draw_strip, shoot  # here, since the import is slow
+
+    path = options.policy
+    remedy = f"one on a robot. Use rkhs evaluate {path} to run episodes, rkhs view {path} to show them"
+    require(robot_of(path) is None, f"{path}", "a run in simulation", remedy)
+    with load_acting(path, options.env) as acting:
+        film = shoot(*acting, seed=options.seed, frames=options.frames)
+    folder = options.out or (path if path.is_dir() else path.parent)
+    folder.mkdir(parents=True, exist_ok=True)
+    for write, name in ((draw_strip, "film.png"), (animate, "film.gif")):
+        write(folder / name, film)
+        print(folder / name)
+    return 0
+
+
+def add_plot(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs plot``."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a run's folder")
+    add_environment_argument(parser)
+    parser.set_defaults(run=_plot)
+
+
+def _plot(options: argparse.Namespace) -> int:
+    """Draw curve.png and policy.png, and print their paths."""
+    from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
+
+    for picture in draw_run(last_policy(options.folder).parent):
+        print(picture)
+    return 0
+
+
+def add_export(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``rkhs export``."""
+    add = parser.add_argument
+    add("source", type=Path, metavar="DIR|FILE", help="a run's folder, a policy file, or a recording")
+    about = "file for the policy, an ONNX graph (.onnx), or for a page of the run (.html)"
+    add("file", type=Path, metavar="FILE", nargs="?", help=about)
+    add("--lerobot", type=Path, metavar="DIR", help="new folder for the recorded episodes, as a LeRobotDataset v3.0")
+    about = "steps per second, a whole number (default: from the time stamps of a robot)"
+    add("--fps", type=int, metavar="N", help=about)
+    add("--task", metavar="TEXT", help="description of the task (default: id of the environment)")
+    add_environment_argument(parser)
+    parser.set_defaults(run=_export)
+
+
+def _export(options: argparse.Namespace) -> int:
+    """Write the policy, the page or the completed episodes."""
+    source, file = options.source, options.file
+    given = " and ".join(name for name in ("file", "lerobot") if getattr(options, name))
+    require(given in ("file", "lerobot"), "export", "a file to write or --lerobot DIR", given or "neither")
+    if options.lerobot:
+        return _export_episodes(options)
+    require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
+    if file.suffix == ".onnx":
+        check = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
+        print(f"Exported the policy: {file}")
+        print(
+            f"Checked on {check.observations} random observations: relative error {check.error:.1g} "
+            f"(limit {TOLERANCE:g}), {1e6 * check.seconds:.0f} µs per call (median, one thread)"
+        )
+        return 0
+    require_extra("viser", "view", "export")
+    from rkhs_ros.view.html_page import html_page
+    from rkhs_ros.view.serving import source_of
+
+    write_whole(file, html_page(source_of(source)).encode())
+    print(f"Exported the page of the run: {file}")
+    return 0
+
+
+def _export_episodes(options: argparse.Namespace) -> int:
+    """Write the completed episodes and print their number."""
+    require(options.fps is None or options.fps >= 1, "--fps", "at least 1", options.fps)
+    recording = read_recording(options.source)
+    task = options.task or (recording.head.task.environment if recording.head else "")
+    require(bool(task), "--task", "a description of the task, which a bag does not contain", "none")
+    spaces = recording.head.spaces if recording.head else None
+    count, rate = export(recording.finished, task, options.lerobot, options.fps, spaces)
+    print(f"Exported {count} episodes at {rate} steps per second: {options.lerobot}")
+    return 0
