@@ -120,11 +120,6 @@ def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept:
         (("--vary", "algorithm.ridge=0.1,1e-1"), "--vary: algorithm.ridge: expected distinct values"),
         (("--vary", "environment.id=a,b"), "--vary: expected settings that do not change the task"),
         (("--vary", "evaluate_every=0,1"), "evaluate_every: expected 1 to 40, since results need evaluations, got 0"),
-        (
-            ("--vary", "algorithm.ridge=1,2", "--set", "algorithm.ridge=3"),
-            "--set: expected each setting once, got algorithm.ridge in both --set and --vary",
-        ),
-        (("--vary", "algorithm.ridge=1,2", "--out", CONFIG), f"--out: expected a folder, got the file {CONFIG}"),
     ],
 )
 def test_invalid_options_are_rejected_once_and_nothing_starts(
