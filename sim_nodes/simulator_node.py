@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import ExitStack, closing
+from contextlib import closing
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_interfaces import msg
@@ -33,10 +33,6 @@ class SimulatorNode(ReportingNode):
     batch ends with a message that says why.
     """
 
-    def __init__(self, name: str = "simulator") -> None:
-        super().__init__(name)
-        self._made = ExitStack()
-
     def open(self) -> None:
         """Make the environment and open topics and services.
 
@@ -44,7 +40,7 @@ class SimulatorNode(ReportingNode):
             ValueError: an unknown parameter, or an unsupported environment.
         """
         tree = given(self, needs_section=True)
-        self._simulation = self._made.enter_context(closing(self._make_simulation(tree)))
+        self._simulation = self.resources.enter_context(closing(self._make_simulation(tree)))
         self._batch: Batch | None = None  # that runs
         self._identity = 0
         self._step = 0
@@ -58,11 +54,6 @@ class SimulatorNode(ReportingNode):
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
         self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
-
-    def destroy_node(self) -> None:
-        """Close the environment and destroy the node."""
-        self._made.close()
-        super().destroy_node()
 
     def heartbeat(self) -> float:
         """Publish the status if due; return the seconds until the next one.

@@ -6,9 +6,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from math import inf
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import domain_coordinator
@@ -22,7 +23,9 @@ from rclpy.node import Node
 from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, SetPolicy, StartEpisodes
 from rkhs_ros.app.launcher import write_parameters
+from rkhs_ros.base.endings import Stop
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
+from rkhs_ros.nodes.core.spin import ReportingNode, open_node, serve
 from rkhs_ros.nodes.core.transport import LOOPBACK, PROFILES, RANGE
 from rkhs_ros.runs.config import load_config
 from test.processes import children_of, is_running, of_process
@@ -117,6 +120,27 @@ def start(domain: int) -> Iterator[Callable[..., Process]]:
     end = time.monotonic() + PATIENCE
     while any(map(is_running, nodes)) and time.monotonic() < end:  # what they say last is for no other test to hear
         time.sleep(0.01)
+
+
+@pytest.fixture
+def run_node(domain: int) -> Iterator[Callable[..., ReportingNode]]:
+    """Run nodes in threads of this process, where their own processes are not the subject."""
+    with ExitStack() as running:
+
+        def begin(kind: Callable[..., ReportingNode], name: str, *arguments: object) -> ReportingNode:
+            context, stop = Context(), Stop()
+            rclpy.init(args=["--ros-args", *map(str, arguments)], context=context, domain_id=domain)
+            running.callback(context.try_shutdown)
+            node = kind(name, context=context)
+            running.callback(node.destroy_node)
+            open_node(node)
+            thread = Thread(target=serve, args=(node, stop), daemon=True)
+            thread.start()
+            running.callback(thread.join)
+            running.callback(stop.set)
+            return node
+
+        yield begin
 
 
 @pytest.fixture

@@ -12,21 +12,18 @@ from rkhs_ros.robot.limits import Setpoint
 
 
 class FailingGate(GateNode):
-    """Fails as it is told."""
+    """Fails as the topic says."""
 
     def open(self) -> None:
-        """Hear how to fail, too."""
         super().open()
         self._fault = ""
         self.create_subscription(String, "fail", self._fail, 1)
 
     def heartbeat(self) -> float:
-        """Send what is due, and fail again and again where the fault stays."""
+        """Send what is due, and fail again and again if the check fails."""
         wait = super().heartbeat()
         if self._fault == "check":
             raise PeerError("expected one gate node, got an older one that is already running")
-        if self._fault == "exits":
-            raise SystemExit(3)
         return wait
 
     def _fail(self, message: String) -> None:
@@ -35,8 +32,6 @@ class FailingGate(GateNode):
             raise TypeError("a callback failed")
         if self._fault == "tick":
             self._state = replace(self._state, motion=Setpoint(np.array([]), np.array([])))
-        if self._fault == "exit":
-            raise SystemExit(3)
         if self._fault == "executor":
             assert isinstance(self.executor, Executor)
             self.executor.shutdown()

@@ -7,23 +7,23 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pytest
 import yaml
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
 from rkhs_ros.nodes.core.messages import LATCHED_QOS, LOCKSTEP_QOS
+from rkhs_ros.nodes.robot.gate_node import GateNode
 from test.ros.conftest import Probe, Process
 
 TIMEOUT = 1.0  # of commands and sensors: a busy machine is no reason to stop
 FLOATS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
-FLOAT = "std_msgs/msg/Float64"
 OUTPUTS = {
     FLOATS: Float64MultiArray,
-    FLOAT: Float64,
     TRAJECTORY: JointTrajectory,
     "geometry_msgs/msg/TwistStamped": TwistStamped,
 }
@@ -40,6 +40,7 @@ BASE = {
     "sensor": {"topic": ""},
     "command": {"topic": "cmd_vel", "type": "geometry_msgs/msg/TwistStamped", "kind": "velocity"},
     "limits": {"minimum": [-1.0, -1.0], "maximum": [1.0, 1.0], "acceleration": [5.0, 5.0]},
+    "command_timeout": 5.0,
 }
 
 
@@ -121,16 +122,18 @@ class Robot:
                 self._joints.publish(message)
 
 
-Begin = Callable[[dict[str, Any]], tuple[Process, Robot]]
-
-
-def gates(start: Callable[..., Process], probe: Probe, folder: Path) -> Iterator[Begin]:
-    """Yield what starts a gate with a robot behind it; the robots end with it."""
+@pytest.fixture
+def begin(start: Callable[..., Process], run_node: Any, probe: Probe, tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Start a gate with a robot behind it, in this process or, with its name given, in one of its own."""
     robots = []
 
-    def make(tree: dict[str, Any]) -> tuple[Process, Robot]:
+    def make(tree: dict[str, Any], process: str = "") -> Any:
         robots.append(Robot(probe, tree["command"].get("type", FLOATS)))
-        return start("gate", "--ros-args", "--params-file", written(folder, tree)), robots[-1]
+        arguments = ("--params-file", written(tmp_path, tree))
+        if process:
+            return start(process, "--ros-args", *arguments), robots[-1]
+        run_node(GateNode, "gate", *arguments)
+        return robots[-1]
 
     yield make
     for robot in robots:

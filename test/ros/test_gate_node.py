@@ -1,36 +1,52 @@
-"""The gate process: it commands a robot within limits, and stops it whichever node is killed."""
+"""The gate node: it commands a robot within limits, and stops it whichever node is killed."""
 
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import GateReport
+from rkhs_ros.base.settings import build
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from test.ros.conftest import Probe, Process
-from test.ros.gate_bench import BASE, CALM, FLOAT, POSITION, TIMEOUT, TRAJECTORY, Begin, Output, Robot, gates, written
+from rkhs_ros.nodes.robot.gate_messages import hardware_message
+from rkhs_ros.robot.gate_settings import GateSettings, rules
+from rkhs_ros.robot.limits import rest_at
+from test.ros.conftest import Process
+from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Output, Robot, begin, written
 
+__all__ = ["begin"]
 PERIOD = 0.01
+Begin = Callable[..., Any]
+Start = Callable[..., Process]
 
 
-@pytest.fixture
-def begin(start: Callable[..., Process], probe: Probe, tmp_path: Path) -> Iterator[Begin]:
-    yield from gates(start, probe, tmp_path)
+def reports(robot: Robot) -> list[DiagnosticArray]:
+    heard: list[DiagnosticArray] = []
+    robot.probe.create_subscription(DiagnosticArray, "/diagnostics", heard.append, DIAGNOSTICS_QOS)
+    return heard
+
+
+def told(heard: list[DiagnosticArray]) -> dict[str, str]:
+    return {value.key: value.value for value in heard[-1].status[0].values} if heard else {}
+
+
+def is_refused(report: GateReport) -> bool:
+    return bool(report.flags & GateReport.REFUSED)
 
 
 def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> None:
-    gate, robot = begin(POSITION)
+    gate, robot = begin(POSITION, process="gate")
     robot.until("disarmed")
     robot.probe.until(lambda: robot.commands.get_subscription_count() > 0)
     dry = next(report for report in (robot.command(0.1, number=n) for n in count(1)) if not is_refused(report))
@@ -42,8 +58,7 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
     clamped = robot.command(3.0, number=first + 2)
     assert clamped.flags & GateReport.CLAMPED_VALUE
     assert clamped.asked[0] == 3.0
-    refused = robot.command(float("nan"), number=first + 3)
-    assert refused.flags == GateReport.REFUSED
+    assert robot.command(float("nan"), number=first + 3).flags == GateReport.REFUSED
     for number in range(first + 4, first + 79):
         last = robot.command(0.1, number=number)
         robot.probe.settle(0.01)
@@ -57,43 +72,38 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
     assert max(abs(later - earlier) for earlier, later in pairwise(values)) <= 0.02 + 1e-9
     assert robot.states[-1] == state
     assert (state.refusals, state.stops, state.commands) == (first, 0, first + 79)
-    heard: list[DiagnosticArray] = []
-    robot.probe.create_subscription(DiagnosticArray, "/diagnostics", heard.append, DIAGNOSTICS_QOS)
-    robot.probe.until(lambda: len(heard) > 1)
-    told = {value.key: value.value for value in heard[-1].status[0].values}
-    assert {"loop rate", "worst loop rate", "missed ticks", "clamps", "stops", "refusals"} <= set(told)
+    heard = reports(robot)
+    robot.probe.until(lambda: {"loop rate", "worst loop rate", "missed ticks", "clamps", "stops"} <= set(told(heard)))
     gate.popen.terminate()
     assert gate.finish()[0] == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.nightly)])
-def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Callable[..., Process], number: int) -> None:
-    _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.4]}})  # it does not arrive before
+def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Start, number: int) -> None:
+    robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.4]}})  # it does not arrive before
     assert robot.arm() == "holding"
     first = start("sender", 0.9, 7)
     robot.probe.until(lambda: robot.position > 0.2)
     os.kill(first.popen.pid, number)
     assert robot.until("stopped").reason == f"no command for {TIMEOUT:g} s"
-    count = len(robot.sent)
-    robot.probe.until(lambda: len(robot.sent) > count + 50)  # it holds, and does not fall silent
+    sent = len(robot.sent)
+    robot.probe.until(lambda: len(robot.sent) > sent + 50)  # it holds, and does not fall silent
     taken = robot.reports[-1].stamp
     after = [each.number for each in robot.sent if each.sent_ns > 10**9 * taken.sec + taken.nanosec]
     stopped_at = robot.moved_last()
     # By its own clock: outputs are a period apart at least, however busy the machine is. It brakes within 0.02 s.
     assert stopped_at - after[0] <= (TIMEOUT + 0.02) / PERIOD + 2
-    again = start("sender", -0.9, 8)
+    start("sender", -0.9, 8)
     robot.probe.until(lambda: bool(robot.reports) and robot.reports[-1].instance == 8)
-    robot.probe.settle(0.3)
+    assert robot.reports[-1].flags & GateReport.NOT_ARMED
     assert robot.states[-1].state == "stopped"
     assert robot.moved_last() == stopped_at
-    assert robot.reports[-1].flags & GateReport.NOT_ARMED
     assert robot.arm() in ("holding", "moving")
     robot.probe.until(lambda: robot.position < -0.2)
-    again.popen.terminate()
 
 
-def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Callable[..., Process]) -> None:
-    _, robot = begin(POSITION)
+def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Start) -> None:
+    robot = begin(POSITION)
     stops = robot.probe.create_publisher(Bool, "stop", LATCHED_QOS)
     robot.arm()
     start("sender", 0.9, 7)
@@ -102,9 +112,7 @@ def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Cal
     assert "topic '/stop'" in robot.until("stopped").reason
     assert "cannot arm while a stop is requested on the topic '/stop' by /probe" in robot.arm()
     stops.publish(Bool(data=False))
-    robot.probe.settle(0.2)
-    assert robot.states[-1].state == "stopped"
-    robot.probe.ask("gate/arm", Trigger.Request())
+    robot.probe.until(lambda: robot.arm() in ("holding", "moving"))
     robot.until("moving")
     robot.probe.ask("gate/stop", Trigger.Request())
     assert "service 'stop'" in robot.until("stopped").reason
@@ -115,9 +123,10 @@ def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Cal
     assert "no usable joint state" in robot.arm()
 
 
-def test_a_gate_that_is_asked_to_exit_stops_the_robot_first(begin: Begin, start: Callable[..., Process]) -> None:
-    slow = POSITION | {"limits": POSITION["limits"] | {"acceleration": [4.0]}, "command_timeout": TIMEOUT}
-    gate, robot = begin(slow | {"command": {"topic": "commands", "kind": "position", "type": TRAJECTORY}})
+def test_a_gate_that_is_asked_to_exit_stops_the_robot_first(begin: Begin, start: Start) -> None:
+    slow = POSITION | {"limits": POSITION["limits"] | {"acceleration": [4.0]}}
+    command = {"topic": "commands", "kind": "position", "type": TRAJECTORY}
+    gate, robot = begin(slow | {"command": command}, process="gate")
     assert robot.arm() == "holding"
     start("sender", 0.9, 7)
     robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.points[0].positions[0] > 0.2)
@@ -142,10 +151,6 @@ def test_a_gate_that_is_asked_to_exit_stops_the_robot_first(begin: Begin, start:
     assert max(changes) <= 4.0 + 1e-6
 
 
-def is_refused(report: GateReport) -> bool:
-    return bool(report.flags & GateReport.REFUSED)
-
-
 def changes_of_speed(sent: list[Output]) -> list[float]:
     """Return the changes per second of the speed, each from three outputs of which none between them was lost."""
     values = {each.number: each.message.points[0].positions[0] for each in sent}
@@ -153,143 +158,81 @@ def changes_of_speed(sent: list[Output]) -> list[float]:
     return [abs(last - 2 * middle + first) / PERIOD**2 for first, middle, last in threes if None not in (middle, last)]
 
 
-def test_a_mobile_base_receives_twists(begin: Begin, probe: Probe) -> None:
-    _, robot = begin(BASE)
+def test_a_mobile_base_receives_twists(begin: Begin) -> None:
+    robot = begin(BASE)
     robot.is_sensed = False
     assert robot.arm() == "holding"
-    for number in range(40):
-        robot.command(0.2, -0.3, number=number)
-        robot.probe.settle(0.01)
+    robot.command(0.2, -0.3, number=1)
+    robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.twist.angular.z == -0.3)
     twist = robot.sent[-1].message
-    assert (twist.twist.linear.x, twist.twist.angular.z, twist.header.frame_id) == (0.2, -0.3, "base_link")
+    assert (twist.twist.linear.x, twist.header.frame_id) == (0.2, "base_link")
     assert twist.header.stamp.sec > 0
-    probe.add_service("gate/describe_parameters", DescribeParameters)
-    names = ["limits.acceleration", "command_timeout", "command.type"]
-    limits, timeout, kind = probe.ask("gate/describe_parameters", DescribeParameters.Request(names=names)).descriptors
-    assert all(each.description and each.read_only for each in (limits, timeout, kind))
+    robot.probe.add_service("gate/describe_parameters", DescribeParameters)
+    names = ["limits.acceleration", "command.type"]
+    request = DescribeParameters.Request(names=names)
+    limits, kind = robot.probe.ask("gate/describe_parameters", request).descriptors
+    assert all(each.description and each.read_only for each in (limits, kind))
     assert limits.floating_point_range[0].from_value == 0.0
     assert "std_msgs/msg/Float64MultiArray" in kind.additional_constraints
 
 
-def test_a_single_motor_receives_plain_numbers(begin: Begin) -> None:
-    _, robot = begin(CALM | {"command": {"topic": "commands", "kind": "position", "type": FLOAT}})
-    assert robot.arm() == "holding"
-    robot.command(0.3, number=1)
-    robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.data == pytest.approx(0.3))
+def test_outputs_have_the_type_of_the_hardware() -> None:
+    command = POSITION["command"] | {"type": "std_msgs/msg/Float64"}
+    settings = build(GateSettings, POSITION | {"command": command})
+    assert hardware_message(settings, rules(settings).limits, rest_at(np.array([0.3]))).data == 0.3
 
 
-def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Callable[..., Process]) -> None:
-    _, robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.1]}})
+def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Start) -> None:
+    robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.1]}})
     assert robot.arm() == "holding"
     start("sender", 0.9, 7)
     robot.until("moving")
     other = robot.probe.create_publisher(Float64MultiArray, "commands", 1)
-    reason = "expected no other publisher, got /commands: /gate, /probe"
     # The gate does not wait for the name of a publisher that it has just found.
     assert robot.until("stopped").reason.startswith("expected no other publisher, got /commands: ")
-    robot.probe.until(lambda: robot.arm() == reason)
+    robot.probe.until(lambda: robot.arm() == "expected no other publisher, got /commands: /gate, /probe")
     robot.probe.destroy_publisher(other)
     robot.probe.until(lambda: robot.arm() in ("holding", "moving"))
 
 
-def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(
-    start: Callable[..., Process], probe: Probe, tmp_path: Path
-) -> None:
+def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(begin: Begin) -> None:
     patience = 8.0  # seconds for which the gate would hold the last output
-    gate = start(
-        "failing_gate", "--ros-args", "--params-file", written(tmp_path, BASE | {"rest": {"timeout": patience}})
-    )
-    robot = Robot(probe, BASE["command"]["type"])
+    gate, robot = begin(BASE | {"rest": {"timeout": patience}}, process="failing_gate")
     robot.is_sensed = False
-    faults = probe.create_publisher(String, "fail", 1)
-    probe.until(lambda: faults.get_subscription_count() > 0)
+    faults = robot.probe.create_publisher(String, "fail", 1)
+    robot.probe.until(lambda: faults.get_subscription_count() > 0)
     assert robot.arm() == "holding"
-    for number in count():
-        robot.command(0.2, -0.3, number=number)
-        if robot.sent and robot.sent[-1].message.twist.linear.x == 0.2:
-            break
+    robot.command(0.2, -0.3, number=1)
+    robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.twist.linear.x == 0.2)
     failed_at = time.monotonic()
     faults.publish(String(data="tick"))
-    probe.until(lambda: gate.popen.poll() is not None)
+    robot.probe.until(lambda: gate.popen.poll() is not None)
     assert time.monotonic() < failed_at + patience
-    probe.settle(0.1)
+    robot.probe.settle(0.1)
     assert robot.sent[-1].message.twist.linear.x == 0.0
     assert gate.finish()[0] != 0
-    robot.close()
 
 
-@pytest.mark.parametrize(
-    ("tree", "message"),
-    [
-        ({}, "joints: expected the names of the joints, got none"),
-        ({**POSITION, "command": POSITION["command"] | {"topic": "/rosout"}}, "cannot open its topics and services"),
-    ],
-)
-def test_invalid_parameters_are_refused_in_one_line(
-    start: Callable[..., Process], tmp_path: Path, tree: dict[str, Any], message: str
-) -> None:
-    gate = start("gate", "--ros-args", "--params-file", written(tmp_path, tree))
-    code, out, err = gate.finish()
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-    assert message in err
+def test_an_invalid_parameter_is_refused_in_one_line(start: Start, tmp_path: Path) -> None:
+    tree = {**POSITION, "command": POSITION["command"] | {"topic": "/rosout"}}
+    code, out, err = start("gate", "--ros-args", "--params-file", written(tmp_path, tree)).finish()
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "cannot open its topics and services" in err
 
 
-def reports(robot: Robot) -> list[DiagnosticArray]:
-    heard: list[DiagnosticArray] = []
-    robot.probe.create_subscription(DiagnosticArray, "/diagnostics", heard.append, DIAGNOSTICS_QOS)
-    return heard
-
-
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
-        ({"joints": ["a", "b", "c"]}, "missing joints 'b', 'c', got other, a"),
-        (
-            {"sensor": {"topic": "numbers"}},
-            "/numbers: no messages, published by /probe as std_msgs/msg/Float64MultiArray; "
-            "topics of sensor_msgs/msg/JointState: /joint_states",
-        ),
-    ],
-)
-def test_problems_of_the_joint_source_are_reported_before_and_when_arming(
-    begin: Begin, changes: dict[str, Any], line: str
-) -> None:
-    _, robot = begin(POSITION | changes)
+def test_problems_of_the_joint_source_are_reported_before_and_when_arming(begin: Begin) -> None:
+    robot = begin(POSITION | {"sensor": {"topic": "numbers"}})
     robot.probe.create_publisher(Float64MultiArray, "numbers", 1)
-    heard = reports(robot)
-
-    def told() -> str:
-        return {value.key: value.value for value in heard[-1].status[0].values}["source joints"] if heard else ""
-
-    robot.probe.until(lambda: told().endswith(line))
+    heard, kind = reports(robot), "topics of sensor_msgs/msg/JointState: /joint_states"
+    line = f"/numbers: no messages, published by /probe as std_msgs/msg/Float64MultiArray; {kind}"
+    robot.probe.until(lambda: told(heard).get("source joints") == line)
     answer = robot.probe.ask("gate/arm", Trigger.Request())
     assert not answer.success
-    assert answer.message.startswith("cannot arm: no usable joint state has been received; /")
-    assert answer.message.endswith(line)
-
-
-def test_a_second_publisher_of_joint_states_stops_the_robot_and_is_named(begin: Begin) -> None:
-    _, robot = begin(CALM)
-    assert robot.arm() == "holding"
-    heard = reports(robot)
-    other = robot.probe.add_node("other")
-    joints = other.create_publisher(JointState, "joint_states", 1)
-
-    def publish() -> None:
-        message = JointState(name=["a"], position=[0.9])
-        message.header.stamp = other.get_clock().now().to_msg()
-        joints.publish(message)
-
-    other.create_timer(0.01, publish)
-    assert "joint states contradict each other: the position of joint 0 went from " in robot.until("stopped").reason
-    named = "; 2 publishers: /other, /probe"
-    robot.probe.until(lambda: named in robot.arm())
-    robot.probe.until(lambda: any(named in value.value for each in heard for value in each.status[0].values))
+    assert answer.message == f"cannot arm: no usable joint state has been received; {line}"
 
 
 def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Begin) -> None:
-    _, robot = begin(CALM | {"arms_itself": True})
+    robot = begin(CALM | {"arms_itself": True})
     probe, heard = robot.probe, reports(robot)
     probe.add_node("simulated_robot").create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
     expected = "arms_itself: expected only simulated robots on commands, got /probe"
@@ -305,26 +248,12 @@ def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Be
     robot.until("stopped")
     probe.destroy_subscription(real)
     heard.clear()
-    probe.until(lambda: len(heard) > 3)  # seconds
+    probe.until(lambda: len(heard) > 3)  # seconds, in which it would arm itself
     assert robot.states[-1].state == "stopped"  # on request
 
 
-def test_a_gate_that_arms_itself_leaves_that_to_a_person_once_a_stop_was_requested(begin: Begin) -> None:
-    _, robot = begin(CALM | {"arms_itself": True})
-    probe, heard = robot.probe, reports(robot)
-    probe.add_node("simulated_robot").create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
-    probe.ask("gate/stop", Trigger.Request())
-    probe.destroy_subscription(robot.listener)
-    for answer in ("cannot arm: a stop is requested by the service 'stop'; arm again if the robot may move", "holding"):
-        heard.clear()
-        probe.until(lambda: len(heard) > 2)  # seconds, in which it would arm itself
-        robot.until("disarmed")
-        assert {state.state for state in robot.states} == {"disarmed"}
-        assert robot.arm() == answer
-
-
 def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None:
-    _, robot = begin(CALM)
+    robot = begin(CALM)
     obstacles = robot.probe.create_publisher(String, "robot/obstacle", LATCHED_QOS)
     robot.probe.until(lambda: obstacles.get_subscription_count() > 0)
     obstacles.publish(String(data="sensor arm: missing joints 'elbow'"))

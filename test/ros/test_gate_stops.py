@@ -3,7 +3,6 @@
 import os
 import signal
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,19 +16,15 @@ from std_srvs.srv import Trigger
 from rkhs_ros.nodes.robot.gate_messages import QOS
 from test.processes import is_running
 from test.ros.conftest import Probe, Process, kill
-from test.ros.gate_bench import CALM, Begin, Robot, gates
+from test.ros.gate_bench import CALM, Robot, begin
 
+__all__ = ["begin"]
 VOLATILE, LATCHED = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 SILENCE = 2.0  # seconds
 TWO = CALM | {"stop_topics": ["first", "second"]}
 BUTTON = "cannot arm while a stop is requested on the topic '/stop' by /button"
-Panel = Callable[..., Publisher]
-
-
-@pytest.fixture
-def begin(start: Callable[..., Process], probe: Probe, tmp_path: Path) -> Iterator[Begin]:
-    yield from gates(start, probe, tmp_path)
+Panel, Begin = Callable[..., Publisher], Callable[..., Any]
 
 
 @pytest.fixture
@@ -66,7 +61,7 @@ def armed_at_last(robot: Robot) -> bool:
 def test_each_request_stops_the_robot_once_even_if_it_is_withdrawn_before_the_gate_runs(
     begin: Begin, panel: Panel, reliability: ReliabilityPolicy, durability: DurabilityPolicy, subscriptions: int
 ) -> None:
-    gate, robot = begin(CALM)
+    gate, robot = begin(CALM, process="gate")
     button = panel("button", reliability=reliability, durability=durability, depth=9)
     met(robot, button, subscriptions)
     for stops, requests in enumerate([(True,), (True, False), (True, False, True, False)], start=1):
@@ -83,7 +78,7 @@ def test_each_request_stops_the_robot_once_even_if_it_is_withdrawn_before_the_ga
 
 
 def test_a_flood_of_messages_does_not_hide_a_request(begin: Begin, panel: Panel) -> None:
-    gate, robot = begin(CALM)
+    gate, robot = begin(CALM, process="gate")
     button = panel("button", durability=VOLATILE)
     met(robot, button, len(QOS) - 1)
     assert robot.arm() == "holding"
@@ -99,7 +94,7 @@ def test_only_the_publisher_of_a_topic_clears_its_stop(begin: Begin, panel: Pane
     first, second = (panel(name, name) for name in TWO["stop_topics"])
     say(first, True)  # before the gate is there
     say(second, False)
-    _, robot = begin(TWO)
+    robot = begin(TWO)
     on_first = "cannot arm while a stop is requested on the topic '/first' by /first"
     robot.probe.until(lambda: robot.arm() == on_first)
     say(second, True)
@@ -111,7 +106,7 @@ def test_only_the_publisher_of_a_topic_clears_its_stop(begin: Begin, panel: Pane
 
 
 def test_a_second_publisher_on_a_topic_stops_the_robot_and_clears_no_request(begin: Begin, panel: Panel) -> None:
-    _, robot = begin(CALM)
+    robot = begin(CALM)
     button = panel("button")
     met(robot, button, len(QOS))
     assert robot.arm() == "holding"
@@ -138,7 +133,7 @@ def test_a_second_publisher_on_a_topic_stops_the_robot_and_clears_no_request(beg
 def test_a_dead_publisher_neither_clears_its_stop_nor_blocks_the_robot(
     begin: Begin, start: Callable[..., Process], panel: Panel
 ) -> None:
-    _, robot = begin(CALM)
+    robot = begin(CALM)
     assert robot.arm() == "holding"
     button = start("stopper")
     robot.until("stopped")
@@ -152,7 +147,7 @@ def test_a_dead_publisher_neither_clears_its_stop_nor_blocks_the_robot(
 
 
 def test_with_a_timeout_the_silence_of_a_publisher_is_a_stop(begin: Begin, panel: Panel) -> None:
-    _, robot = begin(TWO | {"stop_timeout": [0.0, SILENCE]})
+    robot = begin(TWO | {"stop_timeout": [0.0, SILENCE]})
     silence = "cannot arm while a stop is requested on the topic '/second' by the silence of {} (stop_timeout 2 s)"
     assert robot.arm() == silence.format("all nodes")
     heart = panel("heart", "second", reliability=BEST_EFFORT)

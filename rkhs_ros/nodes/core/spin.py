@@ -75,7 +75,8 @@ class ReportingNode(Node):
         about = {"description": "take time stamps from /clock; fixed when the node starts"}
         declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])  # read-only: stamps must not jump
         self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
-        self._claim = socket.socket(socket.AF_UNIX)
+        self.resources = ExitStack()  # closed with the node
+        self._claim = self.resources.enter_context(socket.socket(socket.AF_UNIX))
 
     def claim_name(self) -> None:
         """Refuse to run if another process of this machine runs a node of this name in this domain.
@@ -93,8 +94,8 @@ class ReportingNode(Node):
             raise PeerError(f"{expected}; set ROS_DOMAIN_ID to separate runs") from error
 
     def destroy_node(self) -> None:
-        """Release the name, and destroy the node."""
-        self._claim.close()
+        """Release the name and other resources, and destroy the node."""
+        self.resources.close()
         super().destroy_node()
 
     def open(self) -> None:
@@ -133,7 +134,7 @@ def serve(node: ReportingNode, stop: Stop, *others: ReportingNode) -> None:
     of the executor: on a busy machine, 1 % of a gate's ticks were more than 3.5 ms late, with timers 16 ms.
     """
     nodes = (node, *others)
-    executor = EventsExecutor()
+    executor = EventsExecutor(context=node.context)
     with ExitStack() as reports:
         for node in nodes:
             executor.add_node(node)
