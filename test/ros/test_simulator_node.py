@@ -11,6 +11,7 @@ from rkhs_interfaces.msg import Action
 from rkhs_interfaces.srv import StartEpisodes
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.simulation import Simulation
+from sim_nodes.simulator_node import SimulatorNode
 from test.ros.conftest import Probe, Process
 
 Start = Callable[..., Process]
@@ -18,11 +19,10 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 
 
 @pytest.fixture
-def simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> Process:
-    process = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
+def simulator(run_node: Callable[..., object], parameters: Callable[..., Path], probe: Probe) -> None:
+    run_node(SimulatorNode, "simulator", "--params-file", parameters("toy_nac"))
     probe.meet("observation")
     probe.speak("action")
-    return process
 
 
 def request(batch: int = 9, **changes: object) -> StartEpisodes.Request:
@@ -48,17 +48,12 @@ def action(step: int, values: tuple[float, ...] = (0.5, -0.25), **changes: int) 
     return Action(actions=array("d", values), **fields)
 
 
-def play(probe: Probe) -> None:
-    """Have a whole batch made."""
+def test_a_batch_over_topics_equals_the_simulation(simulator: None, probe: Probe) -> None:
     begin(probe)
     for step in range(4):
         probe.say("action", action(step))
         probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
     probe.until(lambda: len(probe.heard["episodes"]) == 1)
-
-
-def test_a_batch_over_topics_equals_the_simulation(simulator: Process, probe: Probe) -> None:
-    play(probe)
     simulation = Simulation("rkhs/Toy-v0")
     frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
     np.testing.assert_array_equal(list(seen(probe).values()), [frame.observations for frame in frames])
@@ -66,19 +61,11 @@ def test_a_batch_over_topics_equals_the_simulation(simulator: Process, probe: Pr
     np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
 
 
-LATE = {
-    "foreign batch": action(1, batch=8),
-    "duplicate": action(0),
-    "too early": action(2),
-    "another policy": action(1, policy_version=2),
-}
-
-
-def test_an_action_for_another_step_is_ignored(simulator: Process, probe: Probe) -> None:
+def test_an_action_for_another_step_is_ignored(simulator: None, probe: Probe) -> None:
     begin(probe)
     probe.say("action", action(0))
     probe.until(lambda: len(seen(probe)) == 2)
-    for message in (*LATE.values(), action(1)):  # in this order
+    for message in (action(1, batch=8), action(0), action(2), action(1, policy_version=2), action(1)):
         probe.say("action", message)
     probe.until(lambda: len(seen(probe)) == 3)
     expected = Simulation("rkhs/Toy-v0")
@@ -86,17 +73,6 @@ def test_an_action_for_another_step_is_ignored(simulator: Process, probe: Probe)
     for _ in range(2):
         frame = expected.step(np.array([[0.5], [-0.25]]))
     np.testing.assert_array_equal(seen(probe)[2], frame.observations)
-
-
-def test_late_actions_of_an_abandoned_batch_do_not_affect_the_next(simulator: Process, probe: Probe) -> None:
-    begin(probe, batch=9)
-    probe.say("action", action(0))
-    probe.until(lambda: len(seen(probe)) == 2)
-    begin(probe, batch=10)
-    probe.say("action", action(1))
-    probe.say("action", action(0, batch=10))
-    probe.until(lambda: len(seen(probe)) == 2)
-    assert [(each.batch, each.step) for each in probe.heard["observation"]] == [(9, 0), (9, 1), (10, 0), (10, 1)]
 
 
 FAILURES = {
@@ -108,7 +84,7 @@ FAILURES = {
 }
 
 
-def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator: Process, probe: Probe) -> None:
+def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator: None, probe: Probe) -> None:
     for count, (reason, message) in enumerate(FAILURES.items(), 1):
         begin(probe)
         probe.say("action", message)
@@ -117,23 +93,23 @@ def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator
     begin(probe)
 
 
-def test_a_silent_policy_node_ends_the_simulator(simulator: Process, probe: Probe) -> None:
+def test_a_silent_policy_node_ends_the_simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> None:
+    simulator = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
+    probe.meet("observation")
+    probe.speak("action")
     probe.until(lambda: probe.ask("start_episodes", request(timeout=0.5)).success)
     code, _, err = simulator.finish()
     assert (code, err) == (75, "error: the policy node did not act within 0.5 s\n")
 
 
-REFUSED: list[tuple[dict[str, object], str]] = [
-    ({"environment": "rkhs/Pendulum-v0"}, "task: expected rkhs/Toy-v0 with options {}, got rkhs/Pendulum-v0"),
-    ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
-    ({"num_envs": 0}, "num_envs: expected 1 to 10000"),
-    ({"num_envs": 10_000, "horizon": 1_000_000}, "num_envs and horizon: expected at most 10000000 samples"),
-]
-
-
-def test_a_refused_request_does_not_affect_the_running_batch(simulator: Process, probe: Probe) -> None:
+def test_a_refused_request_does_not_affect_the_running_batch(simulator: None, probe: Probe) -> None:
     begin(probe)
-    for step, (changes, reason) in enumerate(REFUSED):
+    for step, (changes, reason) in enumerate(
+        (
+            ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
+            ({"num_envs": 0}, "num_envs: expected 1 to 10000"),
+        )
+    ):
         response = probe.ask("start_episodes", request(10, **changes))
         assert not response.success
         assert reason in response.message
