@@ -12,6 +12,7 @@ from std_msgs.msg import Float64, String
 from rkhs_interfaces.msg import Action
 from rkhs_ros.nodes.core.diagnostics import OBSTACLE
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from rkhs_ros.nodes.robot.robot_node import RobotNode
 from test.ros.conftest import Probe, Process
 from test.ros.robot_bench import HORIZON, PERIOD, SECTION, SENSOR_PERIOD_S, Bench, drawn, write_section
 
@@ -29,14 +30,14 @@ def bench(probe: Probe) -> Bench:
 
 
 @pytest.fixture
-def begin(start: Start, bench: Bench, tmp_path: Path) -> Callable[..., Process]:
-    """Start a robot node, and wait until it hears the bench."""
+def begin(start: Start, run_node: Callable[..., object], bench: Bench, tmp_path: Path) -> Callable[..., Any]:
+    """Start a robot node in this process, or in its own, and wait until it hears the bench."""
 
-    def begun(**changes: object) -> Process:
-        file = write_section(tmp_path / "robot.yaml", **changes)
-        process = start("robot", "--ros-args", "--params-file", file)
+    def begun(*, process: bool = False, **changes: object) -> Any:
+        arguments = ("--params-file", write_section(tmp_path / "robot.yaml", **changes))
+        node = start("robot", "--ros-args", *arguments) if process else run_node(RobotNode, "robot", *arguments)
         bench.meet()
-        return process
+        return node
 
     return begun
 
@@ -45,7 +46,7 @@ def reason(message: object) -> str:
     return str(message.executions[0].discard_reason)  # type: ignore[attr-defined]
 
 
-def test_an_episode_has_the_observed_drawn_and_executed_values(begin: Callable[..., Process], bench: Bench) -> None:
+def test_an_episode_has_the_observed_drawn_and_executed_values(begin: Callable[..., Any], bench: Bench) -> None:
     begin()
     message = bench.play()
     assert reason(message) == ""
@@ -63,7 +64,7 @@ def test_an_episode_has_the_observed_drawn_and_executed_values(begin: Callable[.
     bench.probe.until(lambda: bench.is_at_rest)  # the topics may bring the episode first
 
 
-def test_another_request_discards_the_running_episode(begin: Callable[..., Process], bench: Bench) -> None:
+def test_another_request_discards_the_running_episode(begin: Callable[..., Any], bench: Bench) -> None:
     begin()
     first = bench.start(horizon=200)
     bench.until_moving()
@@ -71,10 +72,8 @@ def test_another_request_discards_the_running_episode(begin: Callable[..., Proce
     assert reason(bench.ended(first)) == "another episode was requested"
 
 
-def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
-    process = begin()
+def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(begin: Callable[..., Any], bench: Bench) -> None:
+    process = begin(process=True)
     bench.silent = {"policy"}
     bench.start()
     bench.probe.until(lambda: bench.observations() != [])
@@ -93,11 +92,11 @@ def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(
         ("policy", {}, "4 actions arrived too late"),
         ("learner", {"learner_timeout": 0.5}, "no heartbeat of the learner for"),
         ("sensor", {"stale_after": 0.3}, "sensor position: stale: the last message on position arrived"),
-        ("gate", {}, "the gate did not report 4 commands"),
+        ("gate", {"stale_after": 0.3}, "the gate did not report a command within 0.3 s (stale_after)"),
     ],
 )
 def test_a_silent_peer_stops_the_robot_and_discards_the_episode(
-    begin: Callable[..., Process], bench: Bench, part: str, limit: dict[str, object], words: str
+    begin: Callable[..., Any], bench: Bench, part: str, limit: dict[str, object], words: str
 ) -> None:
     begin(**PATIENT | limit)
     identity = bench.start(horizon=200)
@@ -117,7 +116,7 @@ def test_a_silent_peer_stops_the_robot_and_discards_the_episode(
     assert reason(bench.play(horizon=HORIZON)) == ""
 
 
-def test_nothing_moves_while_the_gate_is_disarmed_or_stopped(begin: Callable[..., Process], bench: Bench) -> None:
+def test_nothing_moves_while_the_gate_is_disarmed_or_stopped(begin: Callable[..., Any], bench: Bench) -> None:
     bench.gate_state("disarmed")
     begin()
     identity = bench.start(horizon=200)
@@ -137,7 +136,7 @@ def test_nothing_moves_while_the_gate_is_disarmed_or_stopped(begin: Callable[...
     assert reason(bench.ended(identity)) == ""
 
 
-def test_an_operator_can_stop_and_continue(begin: Callable[..., Process], bench: Bench) -> None:
+def test_an_operator_can_stop_and_continue(begin: Callable[..., Any], bench: Bench) -> None:
     begin()
     identity = bench.start(horizon=200)
     bench.until_moving()
@@ -155,9 +154,7 @@ def test_an_operator_can_stop_and_continue(begin: Callable[..., Process], bench:
     assert reason(bench.ended(identity)) == ""
 
 
-def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
+def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(begin: Callable[..., Any], bench: Bench) -> None:
     begin()
     first = bench.start(0)
     bench.ended(first)
@@ -172,18 +169,7 @@ def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(
     assert len(bench.moves) > commands  # it was run again
 
 
-def test_an_episode_is_published_at_once_and_again_when_it_can_no_longer_be_vetoed(
-    begin: Callable[..., Process], bench: Bench
-) -> None:
-    begin(veto_window=0.5)
-    identity = bench.start()
-    first, last = (bench.ended(identity, count) for count in (1, 2))
-    assert (first.vetoable, last.vetoable, reason(last)) == (True, False, "")
-    assert (first.actions, first.executions) == (last.actions, last.executions)
-    assert not bench.say("veto").success
-
-
-def test_an_episode_can_be_vetoed_within_its_window(begin: Callable[..., Process], bench: Bench) -> None:
+def test_an_episode_can_be_vetoed_within_its_window(begin: Callable[..., Any], bench: Bench) -> None:
     begin(veto_window=30.0)
     identity = bench.start()
     assert bench.ended(identity).vetoable
@@ -192,94 +178,42 @@ def test_an_episode_can_be_vetoed_within_its_window(begin: Callable[..., Process
     assert (last.vetoable, reason(last)) == (False, "vetoed by the operator")
 
 
-def test_the_reset_steps_run_in_order_before_each_episode(begin: Callable[..., Process], bench: Bench) -> None:
-    begin(reset={"steps": ["person"]})
+def test_a_reset_waits_for_a_person_while_the_learner_lives(begin: Callable[..., Any], bench: Bench) -> None:
+    begin(reset={"steps": ["person"]}, learner_timeout=1.0)
     identity = bench.start()
     bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
     assert not bench.moves
     assert bench.say("start").success
     assert reason(bench.ended(identity)) == ""
-
-
-def test_a_silent_learner_ends_a_reset(begin: Callable[..., Process], bench: Bench) -> None:
-    begin(reset={"steps": ["person"]}, learner_timeout=0.5)
     identity = bench.start()
     bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
     bench.silent = {"learner"}
     assert "no heartbeat of the learner" in reason(bench.ended(identity))
 
 
-def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., Process], bench: Bench) -> None:
+def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., Any], bench: Bench) -> None:
     begin(reward={"function": "math:gcd"})
     bench.start()
     assert bench.failed().startswith("slider: reward function: TypeError")
     bench.probe.until(lambda: bench.is_at_rest)
 
 
-@pytest.mark.parametrize(
-    ("silent", "changes", "failure"),
-    [
-        pytest.param(
-            {"sensor"},
-            {},
-            "sensor position: /position: no messages, published by /probe as std_msgs/msg/Float64; "
-            "topics of std_msgs/msg/Float64: /position, for 5 s",
-            id="a sensor that never speaks",
-        ),
-        pytest.param(
-            set(),
-            {"reset": {"steps": ["trigger"], "trigger": {"service": "put_back"}}},
-            "reset.trigger: expected a service /put_back, got none, for 5 s",
-            id="a service of the reset that is not there",
-        ),
-    ],
-)
-def test_missing_peers_are_named_and_nothing_moves(
-    begin: Callable[..., Process], bench: Bench, silent: set[str], changes: dict[str, Any], failure: str
-) -> None:
-    bench.silent = silent
-    begin(**changes)
+def test_a_missing_service_of_the_reset_is_named_and_nothing_moves(begin: Callable[..., Any], bench: Bench) -> None:
+    begin(reset={"steps": ["trigger"], "trigger": {"service": "put_back"}})
     bench.start()
-    assert bench.failed() == f"slider: {failure}"
+    assert bench.failed() == "slider: reset.trigger: expected a service /put_back, got none, for 5 s"
     assert not bench.moves
 
 
-def test_a_hanging_gate_is_detected_in_time(begin: Callable[..., Process], bench: Bench) -> None:
-    begin(misses_allowed=1000)
-    identity = bench.start(horizon=1000)
-    bench.until_moving(3)
-    bench.silent = {"gate"}
-    message = bench.ended(identity)
-    assert reason(message) == "the gate did not report a command within 0.3 s (stale_after)"
-    assert message.lengths[0] < 100
+def test_an_invalid_section_ends_the_node_with_one_line(start: Start, tmp_path: Path) -> None:
+    sensors = {"position": SECTION["sensors"]["position"] | {"fields": ["date"]}}
+    file = write_section(tmp_path / "robot.yaml", sensors=sensors)
+    code, _, err = start("robot", "--ros-args", "--params-file", file).finish()
+    assert (code, err) == (2, "error: unknown field 'date' of Float64, did you mean 'data'?\n")
 
 
-SENSORS = {"position": {"topic": "position", "type": "std_msgs/msg/Float64", "fields": ["data"]}}
-
-
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
-        ({"perod": 1.0}, "error: unknown key 'perod', did you mean 'period'?"),
-        (
-            {"sensors": {"position": SENSORS["position"] | {"fields": ["date"]}}},
-            "error: unknown field 'date' of Float64, did you mean 'data'?",
-        ),
-    ],
-)
-def test_an_invalid_section_ends_the_node_with_one_line(
-    start: Start, tmp_path: Path, changes: dict[str, object], line: str
-) -> None:
-    code, _, err = start(
-        "robot", "--ros-args", "--params-file", write_section(tmp_path / "robot.yaml", **changes)
-    ).finish()
-    assert code == 2
-    assert err.startswith(line)
-    assert len(err.splitlines()) == 1
-
-
-def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Process], bench: Bench) -> None:
-    process = begin()
+def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Any], bench: Bench) -> None:
+    process = begin(process=True)
     identity = bench.start(horizon=500)
     bench.until_moving()
     process.interrupt()
@@ -288,13 +222,7 @@ def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Proces
     assert process.finish()[0] == 0
 
 
-def test_a_command_without_a_node_fails_soon(start: Start) -> None:
-    code, _, err = start("rkhs", "robot", "stop").finish()
-    assert (code, len(err.splitlines())) == (1, 1)
-    assert "gate/stop: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID" in err
-
-
-def test_unusable_sensors_are_reported_before_arming(begin: Callable[..., Process], bench: Bench, probe: Probe) -> None:
+def test_unusable_sensors_are_reported_before_arming(begin: Callable[..., Any], bench: Bench, probe: Probe) -> None:
     names = ["shoulder"]
     joints = probe.create_publisher(JointState, "joint_states", 1)
     probe.create_timer(SENSOR_PERIOD_S, lambda: joints.publish(JointState(name=names, position=[0.5] * len(names))))
