@@ -42,7 +42,6 @@ MODULES = {
     "learner": "rkhs_ros.nodes.lockstep.learner_node",
     "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
     "rkhs": "rkhs_ros.app.cli",
-    "imports": "test.ros.imports",
     "sender": "test.ros.gate_sender",
     "stopper": "test.ros.gate_stopper",
     "failing_gate": "test.ros.failing_gate",

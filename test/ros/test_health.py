@@ -81,8 +81,6 @@ def test_a_stuck_learner_reports_it_and_the_reason_of_its_exit(start: Start, pro
 def test_status_prints_the_nodes_and_an_error_without_nodes(
     run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ordinary = probe.create_publisher(DiagnosticArray, "/diagnostics", 10)  # no node is to warn of it
-    ordinary.publish(DiagnosticArray(status=[DiagnosticStatus(name="a driver")]))
     probe.until(lambda: len(probe.heard["episodes"]) > 1)
     monkeypatch.setenv("COLUMNS", "250")
     code, out, err = start("rkhs", "status").finish()

@@ -53,19 +53,15 @@ def test_only_a_persistent_refusal_ends_the_run(learn: Learner, probe: Probe) ->
     assert len(set(policy.asked)) == 1
 
 
-def test_a_run_survives_a_transient_refusal(learn: Learner, probe: Probe) -> None:
+def test_a_transient_refusal_does_not_end_the_run_but_a_policy_node_that_does_not_act_does(
+    learn: Learner, probe: Probe
+) -> None:
     policy = IdlePolicyNode(probe, refusals=3)
-    learn(timeout=20)
-    probe.until(lambda: probe.heard["observation"] != [])
-    assert len(policy.asked) == 4
-
-
-def test_a_policy_node_that_does_not_act_ends_the_run(learn: Learner, probe: Probe) -> None:
-    IdlePolicyNode(probe, refusals=0)
     learner = learn(timeout=2)
     probe.until(lambda: learner.popen.poll() is not None)
     code, _, err = learner.finish()
     assert (code, err) == (75, "error: the simulator node did not answer within 2 s\n")  # it has ended before
+    assert len(policy.asked) == 4
 
 
 @pytest.mark.parametrize("interrupted", [False, pytest.param(True, marks=pytest.mark.nightly)])
