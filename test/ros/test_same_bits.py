@@ -55,8 +55,8 @@ def assert_same_bits(
 
 
 SHORT_EPISODES = ("episodes_per_iteration=3", "evaluation_episodes=1", "timeout=60")
-# Together these use all that goes over topics: inputs, kernels, the three variances, held actions, line searches,
-# options of an environment, a time limit, and composed nodes.
+# Together these use all that goes over topics: inputs, kernels, the three variances, held actions,
+# options of an environment, and composed nodes.
 RUNS = {
     "function variance": (
         "rkhs/Toy-v0",
@@ -80,13 +80,6 @@ RUNS = {
          "algorithm.ridge_norm=scale_free", "algorithm.variance=learnt", "algorithm.reuse=2"),
         "ros",
     ),
-    "line search": (
-        "Pendulum-v1",
-        "rkhs_ac",
-        ("action_repeat=3", "inputs.history=2", "algorithm.centres=15", "algorithm.step.rule=line_search",
-         "algorithm.step.choices=3", "horizon=60"),
-        "ros",
-    ),
 }  # fmt: skip
 ARRAYS = {"function variance": {"variance_centres"}, "kernel variance": {"variance_centres", "variance_mass"}}
 
@@ -100,7 +93,7 @@ def test_training_over_topics_is_bit_identical_to_in_process(start: Start, tmp_p
     config.write_text(simulator + f"learner: {{ros__parameters: {parts}}}\n")
     arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *SHORT_EPISODES, *changes), 3, runner)
     assert arrays.keys() & {"variance_centres", "variance_mass"} == ARRAYS.get(name, set())
-    assert arrays["action_repeat"] == {"kernel variance": 2, "line search": 3}.get(name, 1)
+    assert arrays["action_repeat"] == {"kernel variance": 2}.get(name, 1)
     assert arrays["weights"].any()
 
 

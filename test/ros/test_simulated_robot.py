@@ -22,10 +22,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots import drives, motor_pendulum
 from sim_nodes.robots.arm import HOME
+from sim_nodes.robots.simulated_robot_node import SimulatedRobotNode
 from sim_nodes.robots.topics import SENSOR_QOS
-from test.ros.conftest import Probe, Process
+from test.ros.conftest import Probe
 
-Start = Callable[..., Process]
 TORQUE = "effort_controller/commands"
 RESET, EPISODE = "simulated_robot/reset_protective_stop", "simulated_robot/begin_episode"
 EXACT = {"position_noise": 0.0, "velocity_noise": 0.0, "latency": 0.0, "jitter": 0.0}
@@ -34,8 +34,8 @@ EXACT = {"position_noise": 0.0, "velocity_noise": 0.0, "latency": 0.0, "jitter":
 class Operator:
     """What stands at a simulated robot: it hears the joints and the violations, and commands."""
 
-    def __init__(self, process: Process, probe: Probe, topic: str, kind: Any) -> None:
-        self.process, self.probe = process, probe
+    def __init__(self, probe: Probe, topic: str, kind: Any) -> None:
+        self.probe = probe
         self.joints: list[JointState] = []
         self.told: list[DiagnosticStatus] = []
         probe.create_subscription(JointState, "joint_states", self.joints.append, SENSOR_QOS)
@@ -79,12 +79,12 @@ def stamp(message: Any) -> float:
 
 
 @pytest.fixture
-def robot(start: Start, probe: Probe, tmp_path: Path) -> Callable[..., Operator]:
+def robot(run_node: Callable[..., object], probe: Probe, tmp_path: Path) -> Callable[..., Operator]:
     def begin(topic: str = TORQUE, kind: Any = Float64MultiArray, **parameters: Any) -> Operator:
         file = tmp_path / "robot.yaml"
         file.write_text(yaml.safe_dump({"/**/simulated_robot": {"ros__parameters": {**EXACT, **parameters}}}))
-        process = start("simulated_robot", "--ros-args", "--params-file", file)
-        return Operator(process, probe, topic, kind)
+        run_node(SimulatedRobotNode, "simulated_robot", "--params-file", file)
+        return Operator(probe, topic, kind)
 
     return begin
 
@@ -108,16 +108,6 @@ def test_the_pendulum_moves_in_real_time(robot: Callable[..., Operator]) -> None
     operator.probe.create_subscription(String, "robot_description", found.append, LATCHED_QOS)
     operator.probe.until(lambda: bool(found))
     assert '<joint name="motor"' in found[0].data
-
-
-def test_a_speed_factor_speeds_up_everything(robot: Callable[..., Operator]) -> None:
-    operator = robot(speed=10.0, sensor_rate=20.0, process_noise=0.0)
-    operator.command(0.002)  # so little that the stop is 8 s of the wall's time away
-    first = operator.move_on()
-    operator.probe.settle(0.5)
-    last = operator.move_on()
-    seconds = stamp(last) - stamp(first)
-    assert last.velocity[0] - first.velocity[0] == pytest.approx(0.002 * 10.0 * seconds, abs=0.0001)
 
 
 def test_invalid_commands_stop_the_robot_until_it_is_reset(robot: Callable[..., Operator]) -> None:
@@ -187,6 +177,10 @@ def test_the_arm_receives_positions_and_publishes_its_tool_and_the_mark(arm: Cal
     operator.probe.until(lambda: bool(np.allclose(operator.joints[-1].position, HOME + 0.05, atol=0.01)))
     assert np.linalg.norm(place(hear(operator, "end_effector", PoseStamped)) - place(tool)) > 0.01
     assert operator.violations == {}
+    operator.probe.add_service(EPISODE, Trigger)
+    assert operator.probe.ask(EPISODE, Trigger.Request()).success
+    operator.move_on()
+    assert np.linalg.norm(place(hear(operator, "mark", PointStamped)) - place(mark)) > 0.05
     operator.command(*(HOME + 0.5))
     assert operator.violations == {"step": 1}
     assert operator.told[-1].message.startswith("step: panda_joint1: expected at most 0.1 rad")
@@ -210,19 +204,3 @@ def test_the_arm_follows_a_trajectory_and_holds_at_its_end(arm: Callable[..., Op
     assert operator.violations == {}
     operator.send(JointTrajectory(joint_names=names[1:], points=points))
     assert operator.violations == {"malformed": 1}
-
-
-def test_each_episode_starts_with_another_mark(arm: Callable[..., Operator]) -> None:
-    operator = arm(topic="position_controller/commands")
-    operator.probe.add_service(EPISODE, Trigger)
-    before = place(hear(operator, "mark", PointStamped))
-    assert operator.probe.ask(EPISODE, Trigger.Request()).success
-    operator.move_on()
-    after = hear(operator, "mark", PointStamped)
-    assert np.linalg.norm(place(after) - before) > 0.05
-
-
-def test_invalid_robot_parameters_are_refused(start: Start, domain: int, tmp_path: Path) -> None:
-    file, message = tmp_path / "robot.yaml", "unknown key 'spede', did you mean 'speed'?"
-    file.write_text(yaml.safe_dump({"/**/simulated_robot": {"ros__parameters": {"spede": 1.0}}}))
-    assert start("simulated_robot", "--ros-args", "--params-file", file).finish() == (2, "", f"error: {message}\n")

@@ -15,7 +15,7 @@ class Uneven(gymnasium.Env[Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
-        self.lasts = self.left = int(self.np_random.integers(1, 9))
+        self.lasts = self.left = int(self.np_random.integers(2, 9))
         return self.seen(), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
