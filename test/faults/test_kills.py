@@ -103,16 +103,3 @@ def test_the_nodes_of_a_killed_launcher_exit_and_the_run_can_be_resumed(
     code, _, err = start("rkhs", "train", "--quiet", "--resume", folder).finish()
     assert (code, err) == (0, "")
     assert_same_bits(folder, undisturbed)
-
-
-@pytest.mark.timeout(300)
-def test_nodes_that_die_too_often_end_the_run(start: Start, tmp_path: Path) -> None:
-    run = start("rkhs", "train", PENDULUM, "--quiet", "--out", tmp_path / "run", "--set", "timeout=120")
-    while run.popen.poll() is None:
-        for pid in nodes_of(run, "policy"):
-            kill(pid)
-        time.sleep(0.02)
-    code, _, err = run.finish()
-    assert code == 1
-    last = "error: the run was resumed 5 times within 300 s or without a further iteration"
-    assert err.splitlines()[-1] == last

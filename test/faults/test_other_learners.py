@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any
 
 import gymnasium
@@ -69,12 +68,6 @@ def learnt(model: Any, steps: int) -> float:
     return time.monotonic() - began
 
 
-def test_the_environment_passes_its_checker(remote: Any) -> None:
-    from stable_baselines3.common.env_checker import check_env
-
-    check_env(remote)
-
-
 def test_sac_makes_bit_identical_transitions_and_learns(remote: Any) -> None:
     models, reached = {}, {}
     for name, environment in (("over topics", remote), ("direct", gymnasium.make(TASK))):
@@ -87,24 +80,6 @@ def test_sac_makes_bit_identical_transitions_and_learns(remote: Any) -> None:
         np.testing.assert_array_equal(getattr(ours, field)[:EQUAL], getattr(theirs, field)[:EQUAL], err_msg=field)
     assert ours.timeouts[:EQUAL].sum() == EQUAL // 100
     assert reached["over topics"] == reached["direct"] >= GOOD
-
-
-def test_ppo_learns_in_a_simulator(start: Start) -> None:
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
-    start("rkhs", "simulate", "--env", TASK)
-    ways = {"over topics": partial(gymnasium.make, REMOTE, timeout=60.0), "direct": partial(gymnasium.make, TASK)}
-    reached = {}
-    for name, make in ways.items():
-        environments = DummyVecEnv([make])
-        model = PPO("MlpPolicy", environments, gamma=DISCOUNT, n_steps=1024, seed=0)
-        before = returned(model)
-        seconds = learnt(model, 8 * 1024)
-        reached[name] = returned(model)
-        print(f"PPO {name}, 8192 steps: {seconds:.0f} s, evaluation {before:.1f} to {reached[name]:.1f}")
-        environments.close()
-    assert reached["over topics"] == reached["direct"] > before
 
 
 def test_sac_learns_in_the_model_of_a_run() -> None:

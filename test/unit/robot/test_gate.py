@@ -264,21 +264,6 @@ def test_a_limit_of_zero_is_a_limit(kind: str, limit: str) -> None:
 LIMIT_OF_OTHER = {"velocity": 10.0, "acceleration": 10.0, "step": 1.0, "maximum": 1.0}
 
 
-def test_a_moving_joint_comes_to_rest_within_its_range() -> None:
-    world = armed_world(POSITION, velocity=1.5, acceleration=2.0)  # braking takes 0.56 rad
-    top = 0.0
-    while world.state.mode == Mode.HOLDING or world.position[0] < 1.2:
-        world.command([9.0, -9.0])
-        world.tick()
-        top = max(top, world.velocity[0])
-    assert top > 1.2
-    world.stop()
-    world.wait(2.0)
-    assert not world.protection.trips
-    assert is_at_rest(world.state, world.rules, world.now)
-    assert 1.3 < world.position[0] <= 2.0
-
-
 @over_kinds
 @pytest.mark.parametrize("moment", ["at rest", "in motion", "at a turning point"])
 def test_a_gate_that_exits_leaves_the_robot_at_rest(kind: str, moment: str) -> None:
