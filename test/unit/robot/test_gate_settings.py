@@ -83,9 +83,7 @@ def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None
             {"limits": None},
             "limits.minimum: expected a limit for each joint (required for effort commands), got none",
         ),
-        (EFFORT, {"limits": {"minimum": 4.0}}, "limits: expected minimum <= maximum"),
         (EFFORT, {"limits": {"minimum": 1.0}}, "limits: expected minimum <= 0 <= maximum"),
-        (EFFORT, {"limits": {"step": -1.0}}, "limits.step: expected a number in [0.0, 1000000000.0], got -1.0"),
         (EFFORT, {"limits": {"step": 1e-12}}, "limits.step: expected 0, or from 1e-09"),
         (EFFORT, {"limits": {"step": [1.0, 2.0]}}, "limits.step: expected 1 number, got 2"),
         (EFFORT, {"limits": {"acceleration": 1.0}}, "limits.acceleration: expected no value for effort commands"),
@@ -98,7 +96,6 @@ def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None
         (EFFORT, {"command": {"type": TRAJECTORY}}, "command.kind: expected position, got 'effort'"),
         (POSITION, {"command": {"type": FLOAT}}, "joints: expected 1 name for std_msgs/msg/Float64, got 2"),
         (POSITION, {"limits": {"velocity": None}}, "limits.velocity: expected a limit for each joint"),
-        (POSITION, {"limits": {"acceleration": None}}, "limits.acceleration: expected a limit for each joint"),
         (POSITION, {"hold": {"damping": 1.0}}, "hold.damping: expected none (used for effort commands only)"),
         (POSITION, {"command": {"type": TWIST, "kind": "velocity"}}, "joints: expected some of linear.x"),
         (BASE, {"sensor": None}, "sensor.topic: expected '' for a Twist, which has no joints, got joint_states"),
@@ -113,11 +110,6 @@ def test_invalid_settings_are_refused_in_one_line(
         rules_from(tree, **changes)
     assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
-
-
-def test_a_mobile_base_takes_velocities_and_needs_no_joint_states() -> None:
-    assert rules_from(BASE).fields == []
-    assert rules_from(BASE).stale_after == np.inf
 
 
 def test_the_documented_parameters_are_valid() -> None:
@@ -166,21 +158,15 @@ def test_a_urdf_limits_sensed_states_that_commands_do_not_bound(urdf: str) -> No
 
 @pytest.mark.parametrize(
     ("joint", "message"),
-    [
-        ("turm", "unknown joint of .*, did you mean 'turn'"),
-        ("fixed", "expected a limit, got none"),
-        ("bad", "expected a number for upper, got x"),
-    ],
+    [("turm", "did you mean 'turn'"), ("fixed", "expected a limit, got none"), ("bad", "expected a number for upper")],
 )
 def test_a_urdf_without_limits_of_a_joint_is_refused(urdf: str, joint: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message.split(",")[0]):
+    with pytest.raises(ValueError, match=message):
         rules_from(POSITION, joints=["turn", joint], limits={"urdf": urdf})
 
 
-@pytest.mark.parametrize("content", ["", "<robot", "<model/>"])
-def test_a_file_that_is_not_a_urdf_is_refused(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_not_a_urdf_is_refused_in_one_line(tmp_path: Path) -> None:
     file = tmp_path / "bad.urdf"
-    file.write_text(content)
-    with pytest.raises(ValueError, match=r"bad.urdf: expected a URDF") as refusal:
+    file.write_text("<robot")
+    with pytest.raises(ValueError, match=r"bad.urdf: expected a URDF[^\n]*$"):
         rules_from(POSITION, limits={"urdf": str(file)})
-    assert "\n" not in str(refusal.value)

@@ -61,13 +61,6 @@ def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> N
     assert message in str(refusal.value)
 
 
-def test_a_robot_is_refused_by_the_inline_runner(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = code_of("train", PENDULUM, "--runner", "inline", "--out", tmp_path / "run")
-    expected = "error: motor_pendulum: expected an environment of this process, got a robot"
-    assert (code, capsys.readouterr().err.startswith(expected)) == (2, True)
-    assert not (tmp_path / "run").exists()
-
-
 def test_all_nodes_of_a_robot_receive_their_parameters(tmp_path: Path) -> None:
     config = load_config(PENDULUM)
     assert node_names(config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]

@@ -92,14 +92,6 @@ def test_actions_in_time_are_sent_on_arrival_and_recorded() -> None:
     assert execution.discard_reason == ""
 
 
-def test_the_clock_waits_for_the_first_action() -> None:
-    episode = begun()
-    assert episode.due == np.inf
-    assert not episode.proceed(1000.0, sensed(1.0))
-    assert episode.act(0, np.zeros(1), 2000.0) is not None
-    assert episode.due == pytest.approx(2000.0 + PERIOD)
-
-
 def test_an_action_after_the_deadline_is_recorded_but_not_sent() -> None:
     episode = begun()
     sent = play(episode, [0.0, 0.06, 0.01, 0.14, 0.01])
@@ -125,12 +117,9 @@ def test_the_last_action_may_arrive_late() -> None:
     sent = play(episode, [0.0, 0.01, 0.01, 0.01, 0.4])
     assert (episode.discard_reason, len(sent)) == ("", 4)
     np.testing.assert_allclose(episode.ended()[0].actions[0, :, 0], 0.1 * np.arange(1, 6))
-
-
-def test_an_action_that_never_arrives_discards_the_episode() -> None:
-    episode = begun()
-    play(episode, [0.0, 0.01, None, 0.01, 0.01])
-    assert episode.discard_reason == "the action of step 2 did not arrive"
+    never = begun()
+    play(never, [0.0, 0.01, None, 0.01, 0.01])
+    assert never.discard_reason == "the action of step 2 did not arrive"
 
 
 @given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=50), st.floats(0.01, 1.0))

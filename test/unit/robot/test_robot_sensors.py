@@ -78,16 +78,10 @@ def test_a_missing_joint_or_field_is_named() -> None:
 
 
 def test_the_observation_is_sorted_by_sensor_name() -> None:
-    sensors = {
-        name: Sensor(name, type="std_msgs/msg/Float64", fields=("data",)) for name in ("second", "first", "third")
-    }
-    heard = {
-        name: ReceivedMessage(Message(data=value), 0.0)
-        for name, value in (("first", 1.0), ("second", 2.0), ("third", 3.0))
-    }
-    reader = Sensors(sensors, stale_after=0.1)
-    np.testing.assert_array_equal(reader.observation(heard, 0.05), [1.0, 2.0, 3.0])
-    assert reader.dimension == 3
+    sensors = {n: Sensor(n, type="std_msgs/msg/Float64", fields=("data",)) for n in ("second", "first", "third")}
+    values = {"first": 1.0, "second": 2.0, "third": 3.0}
+    heard = {name: ReceivedMessage(Message(data=value), 0.0) for name, value in values.items()}
+    np.testing.assert_array_equal(Sensors(sensors, 0.1).observation(heard, 0.05), [1.0, 2.0, 3.0])
 
 
 @given(age=st.floats(0.0, 1.0), stale_after=st.floats(0.001, 1.0))
