@@ -65,13 +65,3 @@ def test_a_bad_environment_ends_the_run_with_one_line_and_a_repaired_one_resumes
     code, _, err = start("rkhs", "train", "--quiet", "--resume", out, "--env", "bad_tasks:Bad-v0").finish()
     assert (code, err) == (0, "")
     assert len(curve(out)) == 6
-
-
-def test_infinite_bounds_of_observations_are_valid(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(TASKS, tmp_path)
-    settings = (*SMALL, "environment.options.fault=infinite bounds")
-    run = start("rkhs", "train", "--env", "bad_tasks:Bad-v0", "--quiet", "--iterations", 2, "--set", *settings)
-    assert run.finish()[0] == 0

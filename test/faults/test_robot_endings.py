@@ -28,26 +28,6 @@ def test_a_gate_that_dies_ends_the_run(start: Start, tmp_path: Path, probe: Prob
     assert "error: the gate node was killed by signal 9; without it the robot must not move" in err
 
 
-def test_a_vetoed_episode_runs_again_and_is_not_learnt_from(start: Start, tmp_path: Path, probe: Probe) -> None:
-    folder = tmp_path / "run"
-    more = ("iterations=1",)
-    run = start("rkhs", "train", CONFIG, "--quiet", "--out", folder, "--set", *QUICK, *more)
-    probe.add_service("robot/veto", Trigger)
-    probe.until(lambda: any(m.first_episode == 1 and m.step > 1 for m in probe.heard["observation"]), 100)
-    answer = probe.ask_once("robot/veto", Trigger.Request(), "robot")
-    assert answer.success, answer.message  # the second one runs with the same policy
-    code, _, err = run.finish()
-    assert code == 0, err
-    recording = read_recording(folder)
-    (void,) = (each for each in recording.batches if each.is_discarded)
-    assert void.executions[0].discard_reason == "vetoed by the operator"
-    again = recording.by_numbers()[void.batch]
-    assert void.executions[0].stamps[0] < again.executions[0].stamps[0]
-    returns = recording.episodes().returns(0.99)
-    (row,) = Curve(folder / "curve.csv").rows()
-    np.testing.assert_allclose(row.exploration_return, np.mean(returns))
-
-
 def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder = tmp_path / "run"
     more = ("iterations=1", "episodes_per_iteration=3", "horizon=300", "robot.misses_allowed=150")
@@ -75,13 +55,5 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
     assert recording.by_numbers()[discarded.batch].attempt != discarded.attempt
     assert len(recording.finished) == 3
     assert len(list(replay(recording))) == 1
-
-
-def test_an_episode_discarded_repeatedly_ends_the_run(start: Start, tmp_path: Path) -> None:
-    never = ("robot.reset.home.timeout=0.01", "robot.reset.home.settle=60.0")
-    code, _, err = start(
-        "rkhs", "train", CONFIG, "--quiet", "--out", tmp_path / "run", "--set", *QUICK, *never
-    ).finish()
-    assert code == 1
-    line = "error: episode 1 was discarded 10 times in a row; the last reason: home: not settled within 0.01 s"
-    assert line in err
+    (row,) = Curve(folder / "curve.csv").rows()
+    np.testing.assert_allclose(row.exploration_return, np.mean(recording.episodes().returns(0.99)))

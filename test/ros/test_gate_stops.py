@@ -2,12 +2,11 @@
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
@@ -28,17 +27,14 @@ Panel, Begin = Callable[..., Publisher], Callable[..., Any]
 
 
 @pytest.fixture
-def panel(probe: Probe) -> Iterator[Panel]:
+def panel(probe: Probe) -> Panel:
     """Make nodes that may request a stop."""
-    nodes = []
 
     def make(name: str, topic: str = "stop", **qos: Any) -> Publisher:
-        nodes.append(Node(name, context=probe.context))
-        return nodes[-1].create_publisher(Bool, topic, QoSProfile(**{"depth": 1, "durability": LATCHED} | qos))
+        profile = QoSProfile(**{"depth": 1, "durability": LATCHED} | qos)
+        return probe.add_node(name).create_publisher(Bool, topic, profile)
 
-    yield make
-    for node in nodes:
-        node.destroy_node()
+    return make
 
 
 def met(robot: Robot, panel: Publisher, subscriptions: int) -> None:

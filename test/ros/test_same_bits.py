@@ -98,14 +98,6 @@ def test_training_over_topics_is_bit_identical_to_in_process(start: Start, tmp_p
 
 
 @pytest.mark.nightly
-def test_the_pr2_moves_identically_over_topics_and_in_process(start: Start, tmp_path: Path) -> None:
-    pytest.importorskip("pybullet", reason="the PR2 needs PyBullet")
-    config = ROOT / "config" / "pr2_door_contextual.yaml"
-    small = ("episodes_per_iteration=4", "evaluation_episodes=2", "timeout=60")
-    assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *small), 3)
-
-
-@pytest.mark.nightly
 def test_nodes_wait_while_the_learner_trains_longer_than_the_timeout(start: Start, tmp_path: Path) -> None:
     folder, timeout = tmp_path / "run", 1.0
     small = ("horizon=40", "evaluation_episodes=1", f"timeout={timeout}")

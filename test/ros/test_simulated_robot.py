@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots import drives, motor_pendulum
@@ -184,23 +182,3 @@ def test_the_arm_receives_positions_and_publishes_its_tool_and_the_mark(arm: Cal
     operator.command(*(HOME + 0.5))
     assert operator.violations == {"step": 1}
     assert operator.told[-1].message.startswith("step: panda_joint1: expected at most 0.1 rad")
-
-
-def test_the_arm_follows_a_trajectory_and_holds_at_its_end(arm: Callable[..., Operator]) -> None:
-    operator = arm(
-        topic="joint_trajectory_controller/joint_trajectory",
-        kind=JointTrajectory,
-        controller="joint_trajectory_controller",
-    )
-    names = list(reversed(operator.joints[-1].name))  # in any order
-    points = [
-        JointTrajectoryPoint(positions=list(HOME[::-1] + turn), time_from_start=Duration(nanosec=nanoseconds))
-        for turn, nanoseconds in ((0.1, 300_000_000), (0.2, 600_000_000))
-    ]
-    operator.send(JointTrajectory(joint_names=names, points=points))
-    operator.probe.until(lambda: bool(np.allclose(operator.joints[-1].position, HOME + 0.2, atol=0.01)))
-    operator.probe.settle(0.3)
-    np.testing.assert_allclose(operator.move_on().position, HOME + 0.2, atol=0.01)
-    assert operator.violations == {}
-    operator.send(JointTrajectory(joint_names=names[1:], points=points))
-    assert operator.violations == {"malformed": 1}
