@@ -2,11 +2,13 @@
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
@@ -27,14 +29,16 @@ Panel, Begin = Callable[..., Publisher], Callable[..., Any]
 
 
 @pytest.fixture
-def panel(probe: Probe) -> Panel:
+def panel(probe: Probe) -> Iterator[Panel]:
     """Make nodes that may request a stop."""
+    with ExitStack() as nodes:
 
-    def make(name: str, topic: str = "stop", **qos: Any) -> Publisher:
-        profile = QoSProfile(**{"depth": 1, "durability": LATCHED} | qos)
-        return probe.add_node(name).create_publisher(Bool, topic, profile)
+        def make(name: str, topic: str = "stop", **qos: Any) -> Publisher:
+            node = Node(name, context=probe.context)
+            nodes.callback(node.destroy_node)
+            return node.create_publisher(Bool, topic, QoSProfile(**{"depth": 1, "durability": LATCHED} | qos))
 
-    return make
+        yield make
 
 
 def met(robot: Robot, panel: Publisher, subscriptions: int) -> None:
