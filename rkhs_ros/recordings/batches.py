@@ -47,22 +47,14 @@ class RecordedBatch(NamedTuple):
             for batch, single in zip(self.batch.parts(1), singles, strict=True)
         ]
 
-    def has_same_episodes(self, other: RecordedBatch) -> bool:
-        """Return whether the episodes of another batch are bit-identical."""
-        return all(getattr(self.episodes, name).tobytes() == getattr(other.episodes, name).tobytes() for name in ARRAYS)
 
-
-def finished_episodes(batches: Iterable[RecordedBatch]) -> list[RecordedBatch]:
-    """Return all finished attempts at single episodes that were not discarded, sorted by time.
+def countable(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
+    """Return the completed episodes by number, sorted by time: the last finished, not discarded attempt at each.
 
     A veto may discard an attempt after it finished. The recording then contains the attempt twice with equal time
     stamps, and the attempt is omitted, whichever of the two is read first.
     """
     episodes = [episode for batch in batches for episode in batch.single_episodes()]
     discarded = {episode.attempt for episode in episodes if episode.is_discarded}
-    return sorted((each for each in episodes if each.attempt not in discarded), key=lambda each: each.time)
-
-
-def countable(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
-    """Return the completed episodes by number: the last finished attempt at each."""
-    return {each.batch: each for each in finished_episodes(batches)}
+    finished = sorted((each for each in episodes if each.attempt not in discarded), key=lambda each: each.time)
+    return {each.batch: each for each in finished}

@@ -1,9 +1,8 @@
 """MCAP files of messages, in which each message is written atomically, even if the process is killed."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, NamedTuple, cast
 
@@ -146,84 +145,68 @@ class _Outgoing:
         return self.sent + len(self.content)
 
 
-@dataclass
-class Found:
-    """Content of a file that may be damaged.
+class Found(NamedTuple):
+    """Messages found in a file that may be damaged.
 
     Attributes:
         messages: intact messages in order.
         faults: descriptions of the skipped parts, one line each.
-        lost: number of skipped bytes, including those at the end of the file.
     """
 
-    messages: list[Stored] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
-    lost: int = 0
+    messages: list[Stored]
+    faults: list[str]
 
 
-def read_messages(path: Path) -> Found:
-    """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
+class MessageReader:
+    """Reader of an MCAP file that may be damaged, and may still grow.
 
-    Raises:
-        ValueError: the file is not an MCAP file, or is too large.
-        OSError: the file cannot be read.
-    """
-    found, scan = Found(), Scan()
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        require(size <= MOST_BYTES, f"{path}", f"a recording of at most {MOST_BYTES} bytes", size)
-        magic = file.read(len(MCAP0_MAGIC))
-        require(magic == MCAP0_MAGIC, f"{path}", "an MCAP file", f"one that begins with {magic!r}")
-        end = file.tell()
-        for begin, record in records(file, size):
-            end = file.tell()
-            try:
-                found.messages += scan.messages(record)
-            except Exception as error:  # a damaged record raises almost anything
-                what = " ".join(f"{type(error).__name__}: {error}".split())
-                found.lost += end - begin
-                found.faults.append(f"{end - begin} bytes at {begin} skipped: damaged ({what})")
-    if scan.missing:
-        found.faults.append(f"{scan.missing} messages are missing")
-    if not scan.ended and size > end:
-        found.lost += size - end
-        found.faults.append(f"incomplete after {len(found.messages)} messages: {size - end} bytes at the end skipped")
-    return found
-
-
-def records(file: IO[bytes], size: int) -> Iterator[tuple[int, McapRecord]]:
-    """Yield the position and content of each record, up to the first incomplete one.
+    Owns the position after the last complete record, and the schemas and channels so far.
 
     Args:
-        file: file at the beginning of a record.
-        size: size of the file in bytes.
-    """
-    begin = file.tell()
-    reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records
-    while True:
-        try:
-            record = next(reader)
-        except Exception:  # an incomplete or damaged record raises almost anything
-            return
-        yield begin, record
-        begin = file.tell()
-
-
-class Scan:
-    """Parser of consecutive records.
-
-    Owns the schemas and channels so far, and counts missing messages.
+        path: the file.
     """
 
-    def __init__(self) -> None:
-        self.missing = 0
-        self.ended = False  # whether the data are complete
-        self._number = 0
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._position = len(MCAP0_MAGIC)
+        self._ended = False  # whether the data are complete
+        self._number = 0  # of the last message, which increases by 1 in our files
         self._numbered = False
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def messages(self, record: McapRecord) -> list[Stored]:
+    def news(self) -> Found:
+        """Return the messages since the last call; skip messages with a wrong checksum and an incomplete end.
+
+        Raises:
+            ValueError: the file is not an MCAP file, or is too large.
+            OSError: the file cannot be read.
+        """
+        found, before = Found([], []), self._number
+        with self._path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            require(size <= MOST_BYTES, f"{self._path}", f"a recording of at most {MOST_BYTES} bytes", size)
+            magic = file.read(len(MCAP0_MAGIC))
+            require(magic == MCAP0_MAGIC, f"{self._path}", "an MCAP file", f"one that begins with {magic!r}")
+            file.seek(self._position)
+            records = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records
+            with suppress(Exception):  # an incomplete or damaged record raises almost anything
+                for record in records:
+                    begin, self._position = self._position, file.tell()
+                    try:
+                        found.messages.extend(self._messages(record))
+                    except Exception as error:  # a damaged record raises almost anything
+                        what = " ".join(f"{type(error).__name__}: {error}".split())
+                        found.faults.append(f"{self._position - begin} bytes at {begin} skipped: damaged ({what})")
+        missing = self._number - before - len(found.messages)
+        if self._numbered and missing > 0:
+            found.faults.append(f"{missing} messages are missing")
+        if not self._ended and size > self._position:
+            rest = f"{size - self._position} bytes at the end skipped"
+            found.faults.append(f"incomplete after {len(found.messages)} messages: {rest}")
+        return found
+
+    def _messages(self, record: McapRecord) -> list[Stored]:
         """Return the messages in a record; most records contain none.
 
         Raises:
@@ -231,11 +214,11 @@ class Scan:
         """
         if isinstance(record, Header):
             self._numbered = record.library.startswith(LIBRARY)
-        self.ended = self.ended or isinstance(record, DataEnd)
+        self._ended = self._ended or isinstance(record, DataEnd)
         if isinstance(record, Chunk):
             parts = breakup_chunk(record, validate_crc=True)
         else:
-            parts = [] if self.ended else [record]  # the index at the end repeats definitions, without a checksum
+            parts = [] if self._ended else [record]  # the index at the end repeats definitions, without a checksum
         return [message for part in parts for message in self._taken(part)]
 
     def _taken(self, record: McapRecord) -> list[Stored]:
@@ -246,13 +229,17 @@ class Scan:
         elif isinstance(record, Message):
             channel = self._channels[record.channel_id]
             schema = self._schemas[channel.schema_id]
-            self._count(record.sequence)
+            self._number = record.sequence
             times = record.log_time, record.publish_time
             return [Stored(channel.topic, schema.name, schema.data.decode(), record.data, *times)]
         return []
 
-    def _count(self, number: int) -> None:
-        """Count missing messages by the number of a message, which increases by 1 in our files."""
-        if self._numbered:
-            self.missing += max(number - self._number - 1, 0)
-            self._number = number
+
+def read_messages(path: Path) -> Found:
+    """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
+
+    Raises:
+        ValueError: the file is not an MCAP file, or is too large.
+        OSError: the file cannot be read.
+    """
+    return MessageReader(path).news()

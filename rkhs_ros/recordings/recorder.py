@@ -1,5 +1,6 @@
 """Recorder of a run, and the content of the recording that a resumed run continues."""
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -14,7 +15,7 @@ from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.messages import doubles, policy_message
+from rkhs_ros.policies.messages import doubles, policy_message, spaces_fields
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.batches import ARRAYS
@@ -24,7 +25,6 @@ from rkhs_ros.recordings.recording import (
     Head,
     Recording,
     faults_named,
-    head_fields,
     intact_messages,
     own_messages,
     recording_of,
@@ -56,7 +56,11 @@ class Recorder:
 
     def begin(self, head: Head) -> None:
         """Record the header, which must be first."""
-        self._write(TYPES.Task(**head_fields(head)))
+        fields = {name: getattr(head, name) for name in ("seed", "configuration", "warm_start")}
+        task = {"environment": head.task.environment, "horizon": head.task.horizon, "discount": head.task.discount}
+        options = json.dumps(dict(head.task.options))
+        versions = list(head.versions)
+        self._write(TYPES.Task(**fields, **task, **spaces_fields(head.spaces), options=options, versions=versions))
 
     def serve(self, policy: GaussianPolicy) -> None:
         """Record the policy for the next batches."""
@@ -148,7 +152,7 @@ def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Record
         recording, messages = Recording(), list[Stored]()
     else:
         with faults_named(path):
-            messages = list(_until(found.messages, iterations, keeps_later))
+            messages = list(_until(found, iterations, keeps_later))
             recording = recording_of(own_messages(messages))
     updates = [update.iteration for update in recording.updates]
     expected = f"the updates of the {iterations} finished iterations"

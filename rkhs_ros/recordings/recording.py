@@ -12,12 +12,12 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.messages import policy_of, spaces_fields, spaces_of
+from rkhs_ros.policies.messages import policy_of, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import RecordedBatch, countable, finished_episodes
-from rkhs_ros.recordings.container import Found, Stored, read_messages
+from rkhs_ros.recordings.batches import RecordedBatch, countable
+from rkhs_ros.recordings.container import Stored, read_messages
 from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
 
 FILE = "recording.mcap"
@@ -54,14 +54,28 @@ class Recording:
         policies: policies by version.
         batches: batches in the order in which they ended, including discarded ones.
         updates: messages of the finished iterations.
-        lost: number of bytes that are ignored because they are damaged or incomplete.
     """
 
     heads: list[Head] = field(default_factory=list)
     policies: dict[int, GaussianPolicy] = field(default_factory=dict)
     batches: list[RecordedBatch] = field(default_factory=list)
     updates: list[Any] = field(default_factory=list)
-    lost: int = 0
+
+    def add(self, kind: str, time: int, message: Any) -> None:
+        """Add the content of a message, given its type and the time of its recording.
+
+        Raises:
+            ValueError: the message is invalid.
+        """
+        match kind.removeprefix(PACKAGE):
+            case "Task":
+                self.heads.append(head_of(message))
+            case "Policy":
+                self.policies[message.version] = policy_of(message)
+            case "Update":
+                self.updates.append(message)
+            case "RecordedEpisodes":
+                self.batches.append(_batch(self.head, _numbers(message, message.episodes), message.episodes, time))
 
     @property
     def head(self) -> Head | None:
@@ -79,13 +93,6 @@ class Recording:
         """The completed episodes, each once, as batches of one episode."""
         return list(self.by_numbers().values())
 
-    @property
-    def replaced(self) -> int:
-        """Number of finished episodes that are ignored, since later ones have the same numbers."""
-        finished = finished_episodes(self.batches)
-        last = {each.batch: each for each in finished}
-        return sum(not each.has_same_episodes(last[each.batch]) for each in finished)
-
     def episodes(self) -> Episodes:
         """Return all completed episodes, each once.
 
@@ -94,8 +101,7 @@ class Recording:
         """
         finished = self.finished
         horizons = {each.batch.horizon for each in finished}
-        got = "none, since the file is damaged" if self.lost else "none"
-        require(bool(finished), "recording", "at least one finished episode", got)
+        require(bool(finished), "recording", "at least one finished episode", "none")
         require(len(horizons) == 1, "recording", "episodes with a common horizon", f"horizons {sorted(horizons)}")
         return Episodes.concatenate(each.episodes for each in finished)
 
@@ -105,11 +111,21 @@ class Recording:
         All iterations of an offline run have the same episodes.
 
         Raises:
-            ValueError: an episode is missing.
+            ValueError: an episode or the update is missing.
         """
-        update = self.updates[iteration - 1]
+        update = self._update(iteration)
         begin = max((each.episodes for each in self.updates if each.episodes < update.episodes), default=0)
-        return self._numbered(begin, len(update.exploration_returns), explore=True)
+        return self.numbered(begin, len(update.exploration_returns), explore=True)
+
+    def evaluation(self, iteration: int) -> Episodes | None:
+        """Return the evaluation episodes after the update of an iteration; None if it was not evaluated.
+
+        Raises:
+            ValueError: an episode or the update is missing.
+        """
+        update = self._update(iteration)
+        count = len(update.evaluation_returns)
+        return self.numbered(update.evaluation_episodes - count, count, explore=False) if count else None
 
     def last_episodes(self) -> Episodes:
         """Return the evaluation episodes after the last update, or its exploration episodes if it was not evaluated.
@@ -118,35 +134,35 @@ class Recording:
             ValueError: there is no update, or an episode is missing.
         """
         require(bool(self.updates), "recording", "at least one finished iteration", "none")
-        last = self.updates[-1]
-        if count := len(last.evaluation_returns):
-            return self._numbered(last.evaluation_episodes - count, count, explore=False)
-        return self.exploration(len(self.updates))
+        last = self.updates[-1].iteration
+        return self.evaluation(last) or self.exploration(last)
 
-    def _numbered(self, begin: int, count: int, *, explore: bool) -> Episodes:
-        known = {each.batch.first_episode: each.episodes for each in self.finished if each.batch.explore == explore}
+    def numbered(self, begin: int, count: int, *, explore: bool) -> Episodes:
+        """Return the completed episodes with some successive numbers.
+
+        Raises:
+            ValueError: an episode is missing.
+        """
+        near = [
+            each
+            for each in self.batches
+            if each.batch.explore == explore
+            and each.batch.first_episode < begin + count
+            and each.batch.first_episode + each.batch.num_envs > begin
+        ]
+        known = {batch.first_episode: each.episodes for batch, each in countable(near).items()}
         missing = [number for number in range(begin, begin + count) if number not in known]
         require(not missing, "recording", f"episodes {begin} to {begin + count - 1}", f"none of number {missing}")
         return Episodes.concatenate(known[number] for number in range(begin, begin + count))
 
+    def _update(self, iteration: int) -> Any:
+        found = next((each for each in self.updates if each.iteration == iteration), None)
+        require(found is not None, "recording", f"the update of iteration {iteration}", "none")
+        return found
+
     def by_numbers(self) -> dict[Batch, RecordedBatch]:
         """Return the completed episodes by number, each as a batch of one episode."""
         return countable(self.batches)
-
-
-def head_fields(head: Head) -> dict[str, Any]:
-    """Return the fields of the message with the header of a recording."""
-    return {
-        "environment": head.task.environment,
-        "options": json.dumps(dict(head.task.options)),
-        "horizon": head.task.horizon,
-        "discount": head.task.discount,
-        **spaces_fields(head.spaces),
-        "seed": head.seed,
-        "configuration": head.configuration,
-        "versions": list(head.versions),
-        "warm_start": head.warm_start,
-    }
 
 
 def head_of(message: Any) -> Head:
@@ -186,19 +202,12 @@ def read_recording(path: Path) -> Recording:
         OSError: the file cannot be read.
     """
     path = recording_file(path)
-    found = None if path.is_dir() else intact_messages(path)
+    messages = None if path.is_dir() else own_messages(intact_messages(path))
     with faults_named(path):
-        recording = recording_of(own_messages(found.messages) if found else _bag_messages(path))
-    recording.lost = found.lost if found else 0
+        recording = recording_of(messages or _bag_messages(path))
     require(
         bool(recording.head or recording.batches), f"{path}", "a recording of a run", "no messages of rkhs_interfaces"
     )
-    if count := recording.replaced:
-        print(
-            f"warning: {path}: ignored {count} episodes, since later ones have the same seeds and numbers. "
-            "Record runs with the same seed in separate bags.",
-            file=sys.stderr,
-        )
     return recording
 
 
@@ -220,12 +229,12 @@ def faults_named(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: expected the messages of a run, got invalid ones ({truncated(why)})") from error
 
 
-def intact_messages(path: Path) -> Found:
+def intact_messages(path: Path) -> list[Stored]:
     """Return the intact messages of an MCAP file; print warnings about damaged parts."""
     found = read_messages(path)
     for fault in found.faults:
         print(f"warning: {path}: {fault}", file=sys.stderr)
-    return found
+    return found.messages
 
 
 def own_messages(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
@@ -240,7 +249,7 @@ def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
     files = sorted(folder.glob("*.mcap"))
     if files:
         yield from own_messages(
-            sorted((each for file in files for each in intact_messages(file).messages), key=lambda each: each.time)
+            sorted((each for file in files for each in intact_messages(file)), key=lambda each: each.time)
         )
         return
     from rosbags.highlevel import AnyReader  # here, since the import takes 0.2 s
@@ -259,21 +268,13 @@ def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
     """
     recording, batches, sent = Recording(), dict[int, Batch](), dict[tuple[int, bool], tuple[Any, int]]()
     for kind, time, message in messages:
-        match kind.removeprefix(PACKAGE):
-            case "Task":
-                recording.heads.append(head_of(message))
-            case "Policy":
-                recording.policies[message.version] = policy_of(message)
-            case "Update":
-                recording.updates.append(message)
-            case "RecordedEpisodes":
-                numbers = _numbers(message, message.episodes)
-                recording.batches.append(_batch(recording.head, numbers, message.episodes, time))
-            case "Observation":
-                batches.setdefault(message.batch, _numbers(message, message))
-            case "Episodes":
-                is_discarded = any(execution.discard_reason for execution in message.executions)
-                sent.setdefault((message.batch, is_discarded), (message, time))  # a simulator may resend them
+        if kind == f"{PACKAGE}Observation":
+            batches.setdefault(message.batch, _numbers(message, message))
+        elif kind == f"{PACKAGE}Episodes":
+            is_discarded = any(execution.discard_reason for execution in message.executions)
+            sent.setdefault((message.batch, is_discarded), (message, time))  # a simulator may resend them
+        else:
+            recording.add(kind, time, message)
     first = max((batch.first_episode + batch.num_envs for batch in batches.values()), default=0)
     for message, time in sent.values():  # after all observations, since their order relative to episodes is undefined
         if message.batch not in batches:

@@ -16,7 +16,7 @@ from rkhs_ros.view.recorded import RUNNING, Recorded, state_of
 
 MAX_CACHED = 12  # iterations in memory
 PANEL_WIDTH_PX = 390
-CURVE_IN, CURVE_DPI = (4.4, 3.0), 160  # size of the curve, and its resolution on sharp screens
+CURVE_IN, CURVE_DPI = (5.6, 4.0), 140  # size of the curve, and its resolution on sharp screens
 RECENT = 6  # iterations whose episodes are drawn, including the selected one
 # Below this width, viser puts a narrow panel over the lower part of the scene: widen it, and end the scene above it.
 ON_PHONE = """<style>@media (max-width: 36em) {

@@ -136,8 +136,7 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
     config = load_config(file, offline_changes(load_config(file).training, changes)) if file else None
     if recording.head is None:
         if config is None:
-            what = "a recording with a damaged header" if recording.lost else "a bag"
-            raise ValueError(f"{name}: expected a configuration as well, since {what} names no task, got none")
+            raise ValueError(f"{name}: expected a configuration as well, since a bag names no task, got none")
         return config, spaces_of(config.environment)
     task = recording.head.task
     environment = Environment(task.environment, dict(task.options))
@@ -183,7 +182,7 @@ def _replay(options: argparse.Namespace) -> int:
     recording = read_recording(options.recording)
     head, total = recording.head, len(recording.updates)
     if head is None:
-        got = "one with a damaged header" if recording.lost else "a bag, which contains no policies"
+        got = "one without a header, like a bag"
         raise ValueError(f"{options.recording}: expected the recording of a run, got {got}")
     done, curve = 0, options.recording / "curve.csv"
     try:

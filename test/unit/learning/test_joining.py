@@ -31,19 +31,13 @@ def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatc
     recorder = Recorder(None, recording)  # type: ignore[arg-type] # nothing is written
     batch = Batch(0, 0, EPISODES, 5, explore=True)
 
-    def view() -> Episodes | None:
-        pytest.importorskip("viser")
-        from rkhs_ros.view.recorded import both_kinds
-
-        return both_kinds(recording.batches)[0]
-
     users = {
         "recording": recording.episodes,
         "offline": lambda: all_episodes({"a": recording}),
         "resume": lambda: RecordingRunner(robot, recorder, recording.by_numbers()).collect(policy, batch),
         "replay": lambda: RecordedRunner(recording, robot.spaces).collect(policy, batch),
         "rollout": lambda: robot.runner.collect(policy, batch),
-        "view": view,
+        "view": lambda: recording.exploration(1),
     }
     sizes: list[int] = []
     made = Episodes.__post_init__

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -16,10 +15,6 @@ from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
 from rkhs_ros.recordings.recording import read_recording
-from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.run import run_training
-from test.unit.conftest import Result
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -38,10 +33,6 @@ def noted(texts: list[str]) -> list[Stored]:
     return [Stored("noted", KIND, definition(KIND), each, 10 + i, i) for i, each in enumerate(contents)]
 
 
-def texts(path: Path) -> list[str]:
-    return [decoded(each.content, each.kind, each.definition).failure for each in read_messages(path).messages]
-
-
 def test_definitions_match_rkhs_interfaces() -> None:
     assert FOLDER.resolve() == (ROOT / "rkhs_interfaces" / "msg").resolve()
     listed = (ROOT / "rkhs_interfaces" / "CMakeLists.txt").read_text()
@@ -52,11 +43,6 @@ def test_definitions_match_rkhs_interfaces() -> None:
         if "Time" not in path.read_text():  # of builtin_interfaces
             kind = f"rkhs_interfaces/msg/{path.stem}"
             assert encoded(decoded(encoded(message), kind, definition(kind))) == encoded(message)
-
-
-def test_unknown_fields_of_a_message_are_rejected() -> None:
-    with pytest.raises(ValueError, match=r"Action: expected fields of this type, got year"):
-        Types().Action(year=3)
 
 
 @pytest.mark.parametrize("learnt", [False, True])
@@ -147,40 +133,6 @@ def test_a_file_that_continues_with_a_newer_definition_keeps_the_older_messages(
     assert read_messages(tmp_path / "a.mcap").messages == [old, new]
 
 
-def test_messages_after_a_damaged_one_are_read(tmp_path: Path) -> None:
-    file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
-    file.close()
-    content = (tmp_path / "a.mcap").read_bytes()
-    assert content.count(b"second") == 1
-    (tmp_path / "b.mcap").write_bytes(content.replace(b"second", b"secord"))
-    assert texts(tmp_path / "b.mcap") == ["first", "third"]
-    assert any("damaged" in fault for fault in read_messages(tmp_path / "b.mcap").faults)
-    assert "1 messages are missing" in read_messages(tmp_path / "b.mcap").faults
-
-
-def test_a_damaged_opcode_of_an_index_loses_no_message(tmp_path: Path) -> None:
-    file = MessageFile(tmp_path / "a.mcap", noted(["first", "second", "third"]))
-    file.close()
-    content = bytearray((tmp_path / "a.mcap").read_bytes())
-    for begin in chunks(content):
-        index = begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little")
-        assert content[index] == Opcode.MESSAGE_INDEX
-        content[index] ^= 8  # the opcode of the record that ends the data
-        (tmp_path / "b.mcap").write_bytes(content)
-        assert texts(tmp_path / "b.mcap") == ["first", "second", "third"]
-        content[index] ^= 8
-
-
-def test_each_message_is_readable_as_soon_as_it_is_written(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    file = MessageFile(path)
-    for count, message in enumerate(noted(["a", "b", "c"])):
-        file.write(message)
-        assert len(read_messages(path).messages) == count + 1
-    assert [message.time for message in read_messages(path).messages] == [10, 11, 12]
-    file.close()
-
-
 def test_a_full_disk_preserves_earlier_messages(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     file = MessageFile(path, noted(["a", "b"]))
@@ -195,7 +147,7 @@ def test_a_full_disk_preserves_earlier_messages(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, handler)
     file.close()
-    assert texts(path) == ["a", "b"]
+    assert read_messages(path).messages == noted(["a", "b"])
     assert path.stat().st_size == size
 
 
@@ -212,7 +164,7 @@ def test_the_recording_of_a_robot_is_synced_before_the_learner_continues(
     file.close()
 
 
-@pytest.mark.parametrize("episodes", [1, 4, 5, 6, 7, 11, 14, 19])
+@pytest.mark.parametrize("episodes", [1, 5, 7, 14])
 def test_an_interrupted_run_on_a_robot_repeats_no_episode(
     tmp_path: Path, episodes: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -245,7 +197,7 @@ def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     assert published[0] == first.executions[0].stamps[-1]
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize("share", [0.0, 0.6])
 def test_a_run_does_not_resume_without_a_part_of_its_recording(tmp_path: Path, share: float) -> None:
     file = recorded_run(tmp_path / "run", longer(3))
     content = file.read_bytes()
@@ -265,13 +217,6 @@ def test_what_follows_the_checkpoint_is_cut_off(whole: Path, tmp_path: Path) -> 
     assert content(read_recording(file)) == content(read_recording(whole))
 
 
-def test_a_finished_run_continues_its_recording(whole: Path, tmp_path: Path) -> None:
-    file = recorded_run(tmp_path / "run", longer(2))
-    run_training(CONFIG, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True, resume=True)
-    assert content(read_recording(file)) == content(read_recording(whole))
-    assert read_messages(file).faults == []
-
-
 def test_the_recording_of_another_run_is_rejected(whole: Path, tmp_path: Path) -> None:
     recorded_run(tmp_path / "run", longer(1))
     (tmp_path / "run" / "recording.mcap").write_bytes(whole.read_bytes())
@@ -284,14 +229,6 @@ def test_the_recording_of_another_run_is_rejected(whole: Path, tmp_path: Path) -
     assert {path: path.read_bytes() for path in (tmp_path / "other").rglob("*") if path.is_file()} == before
 
 
-def test_the_command_records(rkhs: Callable[..., Result]) -> None:
-    short = ("--runner", "inline", "--iterations", 1, "--quiet")
-    assert rkhs("train", ROOT / "config" / "toy_nac.yaml", *short, "--out", "one").code == 0
-    assert len(read_recording(Path("one")).updates) == 1
-    assert rkhs("train", ROOT / "config" / "toy_nac.yaml", *short, "--seeds", "3,5", "--out", "two").code == 0
-    assert [read_recording(Path("two") / f"seed_{seed}").head.seed for seed in (3, 5)] == [3, 5]
-
-
 def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"no such thing")
     with pytest.raises(ValueError, match=r"a\.mcap: expected an MCAP file"):
@@ -301,28 +238,3 @@ def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
     MessageFile(tmp_path / "b.mcap", noted(["a"])).close()
     with pytest.raises(ValueError, match=r"b\.mcap: expected a recording of a run"):
         read_recording(tmp_path / "b.mcap")
-
-
-def chunks(content: bytes | bytearray) -> list[int]:
-    """Return the offsets of the records with one message each."""
-    found, at = [], len(b"magic...")
-    while content[at] != Opcode.DATA_END:
-        found += [at] if content[at] == Opcode.CHUNK else []
-        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
-    return found
-
-
-def test_errors_mention_a_damaged_header_or_episode(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
-    file = recorded_run(tmp_path / "run", longer(1, episodes_per_iteration=1, evaluate_every=0))
-    whole = file.read_bytes()
-    for command, damaged, message in (
-        ("replay", 0, "expected the recording of a run, got one with a damaged header"),
-        ("offline", 0, "expected a configuration as well, since a recording with a damaged header"),
-        ("offline", 2, "expected at least one finished episode, got none, since the file is damaged"),
-    ):
-        content = bytearray(whole)
-        content[chunks(whole)[damaged] + 100] ^= 1
-        file.write_bytes(content)
-        code, out, err = rkhs(command, "run")
-        assert (code, out) == (2, "")
-        assert message in err.splitlines()[-1]

@@ -69,12 +69,6 @@ def test_a_recording_replays_bit_identically(run: Config, tmp_path: Path) -> Non
     assert again[-1].episodes_used >= 100 or run.training.name != "toy_nac"
 
 
-def test_a_robots_recording_replays_past_discarded_episodes(tmp_path: Path) -> None:
-    recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
-    assert len(recording.finished) < len(recording.batches)
-    assert len(list(replay(recording))) == 4
-
-
 def test_a_resumed_run_replays(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         recorded_run(tmp_path / "run", runner=Robot(8))
@@ -90,20 +84,6 @@ def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> No
     recording = read_recording(recorded_run(tmp_path / "run", config))
     assert len(recording.policies[1].mean.centres) > 0
     assert len(list(replay(recording))) == 2
-
-
-def test_a_flipped_count_of_steps_is_detected(whole: Path) -> None:
-    copy = changed(whole, "Update", 2, lambda message: setattr(message, "steps", message.steps + 1))
-    with pytest.raises(DifferenceError, match=r"^update 3, steps: recorded 46, recomputed 45$"):
-        list(replay(read_recording(copy)))
-
-
-def test_an_interrupted_run_replays_its_finished_updates(whole: Path, tmp_path: Path) -> None:
-    content = whole.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
-    recording = read_recording(tmp_path / "cut.mcap")
-    assert 0 < len(recording.updates) < 4
-    assert len(list(replay(recording))) == len(recording.updates)
 
 
 def test_a_recording_that_lacks_finished_updates_is_reported(
@@ -134,7 +114,6 @@ def test_a_flipped_bit_in_an_episode_is_detected(whole: Path, name: str, place: 
     ("change", "where"),
     [
         (lambda policy: flip(policy.weights, 1), r"policy 2, weights\[1\]: recorded .*, recomputed "),
-        (lambda policy: flip(policy.centres, 0), r"policy 2, centres\[0\]: "),
         (lambda policy: flip(policy.variance.values, 0), r"policy 2, variance, values\[0\]: "),
         (lambda policy: flip(policy.kernel[0].parameters, 0), r"policy 2, kernel\[0\], parameters\[0\]: "),
     ],
@@ -145,7 +124,7 @@ def test_a_flipped_bit_in_a_policy_is_detected(whole: Path, change: Callable[[An
         list(replay(read_recording(copy)))
 
 
-@pytest.mark.parametrize("name", ["kl", "step_size", "sparsification_error", "exploration_return"])
+@pytest.mark.parametrize("name", ["kl", "exploration_return"])
 def test_a_flipped_bit_in_an_update_is_detected(whole: Path, name: str) -> None:
     def change(update: Any) -> None:
         setattr(update, name, float(np.nextafter(getattr(update, name), np.inf)))
@@ -169,13 +148,6 @@ def test_replay_reports_equal_and_different_updates(whole: Path, rkhs: Callable[
     assert (result.code, result.err) == (1, "")
     assert result.out.startswith("update 3, kl: recorded 0.5, recomputed ")
     assert result.out.endswith("; the first 2 of 4 updates are bit-identical\n")
-
-
-def test_replay_reports_other_versions(whole: Path, rkhs: Callable[..., Result]) -> None:
-    copy = changed(whole, "Task", 0, lambda task: task.versions.__setitem__(1, "numpy 0.1"))
-    assert rkhs("replay", copy, "--quiet").out == "all 4 updates are bit-identical\n"
-    copy = changed(copy, "Update", 0, lambda update: setattr(update, "kl", 0.5))
-    assert "(recorded with numpy 0.1)" in rkhs("replay", copy, "--quiet").out
 
 
 def test_replay_rejects_recordings_without_updates(whole: Path, tmp_path: Path, rkhs: Callable[..., Result]) -> None:

@@ -1,7 +1,6 @@
 """Offline training, bags of other recorders, and export."""
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,9 +35,8 @@ def of_a_robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded_run(tmp_path_factory.mktemp("robot") / "run", runner=Robot())
 
 
-@pytest.mark.slow
-# The worst of ten seeds, all of which reach 45, and a good one.
-@pytest.mark.parametrize("seed", [3, pytest.param(0, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [3, 0])  # the worst of ten seeds, all of which reach 45, and a good one
 def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     tmp_path: Path, rkhs: Callable[..., Result], seed: int
 ) -> None:
@@ -113,21 +111,6 @@ def test_recordings_of_different_tasks_are_rejected(whole: Path, rkhs: Callable[
     assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")
 
 
-def test_training_ignores_discarded_episodes(of_a_robot: Path, whole: Path, rkhs: Callable[..., Result]) -> None:
-    assert len(read_recording(of_a_robot).batches) > 20
-    for name, recording in {"robot": of_a_robot, "simulation": whole}.items():
-        assert rkhs("offline", recording, *SHORT, "--out", name).code == 0
-    found = [read_recording(each).episodes() for each in (of_a_robot, whole)]
-    assert [len(each) for each in found] == [20, 20]
-    assert np.sort(found[0].rewards, axis=None).tolist() == np.sort(found[1].rewards, axis=None).tolist()
-
-
-def test_a_recording_is_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
-    done = rkhs("imitate", whole, "--set", "centres=5", "--out", "shown.npz")
-    assert done.code == 0
-    assert "Fitted 5 centres to 20 episodes with 100 steps" in done.out
-
-
 def test_held_actions_are_imitated_trained_offline_and_exported(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -174,7 +157,7 @@ def test_offline_training_from_a_bag_needs_a_configuration(whole: Path, rkhs: Ca
     assert rkhs("offline", "bag", config, *SHORT, "--out", "learnt").code == 0
     assert rkhs("offline", whole, config, *SHORT, "--out", "as_well").code == 0
     assert Path("learnt/policy.npz").read_bytes() == Path("as_well/policy.npz").read_bytes()
-    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got a bag, which contains no policies")
+    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got one without a header")
 
 
 class TestLeRobot:
@@ -228,13 +211,12 @@ class TestLeRobot:
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 10
         assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
 
-    @pytest.mark.parametrize("rate", [2.5, 0.4, 33.3])
-    def test_a_fractional_rate_is_rejected(self, tmp_path: Path, rate: float, rkhs: Callable[..., Result]) -> None:
+    def test_a_fractional_rate_is_rejected(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
         parquet = pytest.importorskip("pyarrow.parquet")
-        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=round(1e9 / rate)))
+        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=400_000_000))
         refused = rkhs("export", recording, "--lerobot", "out")
         assert_refused(refused, "recording: expected a whole number of steps per second")
-        assert f"got {rate} from the time stamps. Use --fps N" in refused.err
+        assert "got 2.5 from the time stamps. Use --fps N" in refused.err
         assert not Path("out").exists()
         printed = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
         assert printed == "Exported 5 episodes at 4 steps per second: out\n"
@@ -242,23 +224,6 @@ class TestLeRobot:
         assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
         assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4
 
-    def test_a_slightly_slow_robot_clock_is_accepted(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
-        parquet = pytest.importorskip("pyarrow.parquet")
-        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=50_200_000))  # of 50 ms
-        assert "at 20 steps per second" in rkhs("export", recording, "--lerobot", "out").out
-        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
-        assert np.allclose(frames["timestamp"], np.tile(0.0502 * np.arange(5), 5))
-
     def test_unsupported_rates_are_rejected(self, whole: Path, rkhs: Callable[..., Result]) -> None:
         for fps, message in (("2.5", "argument --fps: invalid int value: '2.5'"), ("0", "--fps: expected at least 1")):
             assert_refused(rkhs("export", whole, "--lerobot", "out", f"--fps={fps}"), message)
-
-    def test_missing_recordings_and_packages_are_reported(
-        self, whole: Path, rkhs: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setitem(sys.modules, "pyarrow", None)
-        assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "pip install pyarrow")
-
-
-def test_invalid_settings_are_rejected(whole: Path, rkhs: Callable[..., Result]) -> None:
-    assert_refused(rkhs("offline", whole, "--set", "model.centers=3", "--quiet"), "did you mean 'model.centres'?")
