@@ -80,7 +80,7 @@ def optimum(task: VectorTask, horizon: int, axes: list[Array], actions: int, ord
     values = np.zeros(len(states))
     for _ in range(horizon):
         values = np.max([r + DISCOUNT * (e @ values) for r, e in zip(rewards, after, strict=True)], axis=0)
-    start, weights = interpolation(axes, task.initial_states(1))
+    start, weights = interpolation(axes, task.initial_states(np.zeros((1, task.start_noise_dim))))
     return float(weights[0] @ values[start[0]])
 
 

@@ -150,7 +150,7 @@ def _scene(config: Config, title: str, episodes: Episodes, index: int = 0) -> Sc
     runner = runner_of(config.environment)
     task: Any = runner.simulation.shown
     motion = task.motion(episodes.observations[index], runner.spaces.clip(episodes.actions[index]))
-    camera, bodies = Camera(task.view_direction(), task.bounds(), SIZE), task.bodies()
+    camera, bodies = Camera(task.view_direction, task.bounds, SIZE), task.bodies()
     discounts = config.training.discount ** np.arange(config.training.horizon)
 
     def picture(step: int) -> NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from rkhs_ros.rollouts.environments import limit_of, spec_of
 from rkhs_ros.rollouts.visualization import ShowsBodies
 
 REFERENCE_DISCOUNT = 0.99
-SCENE = ("view_direction", "bounds", "bodies", "motion")  # methods of `ShowsBodies`
+SCENE = ("view_direction", "bounds", "bodies", "motion")  # of `ShowsBodies`
 
 
 def references(task: Task) -> dict[str, float]:

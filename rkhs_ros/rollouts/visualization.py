@@ -5,6 +5,8 @@ from typing import Protocol, runtime_checkable
 
 from rkhs_ros.rkhs.kernels import Array
 
+Corner = tuple[float, float, float]
+
 
 class Body(Protocol):
     """A visible rigid body.
@@ -42,13 +44,17 @@ class BodyTrajectories(Protocol):
 
 @runtime_checkable
 class ShowsBodies(Protocol):
-    """Task whose episodes can be shown in 3D."""
+    """Task whose episodes can be shown in 3D.
 
-    def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction from the scene to the camera, of any length."""
+    Attributes:
+        view_direction: from the scene to the camera, of any length.
+        bounds: lower and upper corner of the bounding box of the scene, in metres.
+    """
 
-    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the lower and the upper corner of the bounding box of the scene, in metres."""
+    @property
+    def view_direction(self) -> Corner: ...  # noqa: D102
+    @property
+    def bounds(self) -> tuple[Corner, Corner]: ...  # noqa: D102
 
     def bodies(self) -> Sequence[Body]:
         """Return the visible bodies."""

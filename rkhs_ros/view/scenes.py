@@ -32,7 +32,7 @@ SHADES = (RED, GREEN, PINK, BLUE)  # of the sensed points
 
 
 class RobotScene:
-    """The bodies of a robot and the points that it senses; implements `ShowsBodies`.
+    """The bodies of a robot and the points that it senses; implements `ShowsBodies` around the first episode.
 
     Joints without a sensor follow the commands, if these are positions.
 
@@ -44,6 +44,8 @@ class RobotScene:
         actions: actions of that episode, shape (steps, n).
     """
 
+    view_direction = EYE
+
     def __init__(
         self, bodies: UrdfBodies, task: RobotTask, gate: Mapping[str, Any], observations: Array, actions: Array
     ) -> None:
@@ -51,15 +53,7 @@ class RobotScene:
         self._velocity = np.array(gate.get("limits", {}).get("velocity") or np.inf)
         self._sensed = sensed_joints(task)
         self._points = sensed_points(task)
-        self._bounds = self._around(self.motion(observations, actions))
-
-    def view_direction(self) -> tuple[float, float, float]:
-        """Return the viewing direction: from the robot towards the viewer."""
-        return EYE
-
-    def bounds(self) -> tuple[Point, Point]:
-        """Return the lower and the upper corner of the box around the first episode."""
-        return self._bounds
+        self.bounds = self._around(self.motion(observations, actions))
 
     def bodies(self) -> list[Surface | Primitive]:
         """Return the bodies of the robot and a ball for each sensed point."""

@@ -43,14 +43,14 @@ class Stage:
 
     def __init__(self, server: ViserServer, task: ShowsBodies, *, has_depth: bool) -> None:
         self._server = server
-        self._eye = np.array(task.view_direction()) / np.linalg.norm(task.view_direction())
+        self._eye = np.array(task.view_direction) / np.linalg.norm(task.view_direction)
         self._right = np.cross(-self._eye, (0.0, 0.0, 1.0))
         self._right /= np.linalg.norm(self._right)
         self._up = np.cross(self._right, -self._eye)
         self._bodies = task.bodies()
         self._light(server.scene)
         self._handles = [_added(server.scene, f"/task/{i}", body) for i, body in enumerate(self._bodies)]
-        low, high = np.array(task.bounds())
+        low, high = np.array(task.bounds)
         self._arrange(low, high)
         if has_depth:
             self._lay_floor(low, high)

@@ -32,16 +32,11 @@ class Timeline:
         names: names of the observations and actions.
     """
 
+    view_direction = (0.0, -1.0, 0.1)
+    bounds = (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)
+
     def __init__(self, names: Names) -> None:
         self._names = names
-
-    def view_direction(self) -> tuple[float, float, float]:
-        """Return the viewing direction: from the picture towards the viewer."""
-        return (0.0, -1.0, 0.1)
-
-    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the lower and the upper corner of the picture."""
-        return (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)
 
     def bodies(self) -> Sequence[Primitive]:
         """Return the line."""

@@ -7,12 +7,9 @@ from functools import partial
 
 from gymnasium.envs.registration import register
 
-from sim_nodes.envs.ball_on_beam import BallOnBeam
 from sim_nodes.envs.cart_pole import CartPole
-from sim_nodes.envs.furuta import Furuta
-from sim_nodes.envs.pendulum import Pendulum, PendulumPOMDP
-from sim_nodes.envs.tanks import Tanks
-from sim_nodes.envs.toy import Toy
+from sim_nodes.envs.control_tasks import BallOnBeam, Furuta, Tanks
+from sim_nodes.envs.lever_stafford import Pendulum, PendulumPOMDP, Toy
 from sim_nodes.envs.vector_task import SingleTask, VectorTask
 
 

@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.drawn_task import DrawnTask
 from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, BodyTrajectories, upright
-from sim_nodes.envs.vector_task import Array, Flags, wrapped
+from sim_nodes.envs.vector_task import Array, DrawnTask, Flags, wrapped
 
 SECONDS = 3.0  # of an episode
 USUAL_RATE = 20.0  # Hz
@@ -65,6 +64,8 @@ class CartPole(DrawnTask):
 
     single_observation_space = Box(-np.array(HIGHEST["cosine"]), np.array(HIGHEST["cosine"]), dtype=np.float64)
     single_action_space = Box(-10.0, 10.0, (1,), np.float64)
+    view_direction = (0.0, -1.0, 0.2)
+    bounds = (-DRAWN_HALF - REACH, -0.1, -REACH), (DRAWN_HALF + REACH, 0.1, REACH)
     observation_names = OBSERVATIONS["cosine"]
     action_names = ("force (N)",)
     reference_returns: ClassVar[dict[str, float]] = {"best known (trajectory optimisation)": 38.1}
@@ -93,6 +94,8 @@ class CartPole(DrawnTask):
         self.observation_names = OBSERVATIONS[observation]
         high = np.array(HIGHEST.get(observation, (np.inf,) * 4))
         self.single_observation_space = Box(-high, high, dtype=np.float64)
+        half = (rail or DRAWN_HALF) + REACH
+        self.bounds = (-half, -0.1, -REACH), (half, 0.1, REACH)  # without a rail, the cart may leave it
         super().__init__(num_envs, min(steps, max_episode_steps or steps), render_mode)
 
     @classmethod
@@ -108,11 +111,7 @@ class CartPole(DrawnTask):
         steps: int = round(SECONDS * rate)
         return steps
 
-    def initial_states(self, num_envs: int) -> Array:
-        """Return the state of rest, without noise."""
-        return np.zeros((num_envs, 4))
-
-    def random_initial_states(self, noise: Array) -> Array:  # noqa: D102
+    def initial_states(self, noise: Array) -> Array:  # noqa: D102
         return START_SD * noise
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
@@ -167,15 +166,6 @@ class CartPole(DrawnTask):
         count = round(self.rate)
         states = self.states_of(observations[-count:])
         return len(states) == count and bool(np.all((np.abs(states[:, 0]) < 0.1) & (from_upright(states) < 0.25)))
-
-    def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction from the task towards the viewer."""
-        return (0.0, -1.0, 0.2)
-
-    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the corners of the box in which the tip of the pole moves; without a rail, the cart may leave it."""
-        half = (self.rail or DRAWN_HALF) + REACH
-        return (-half, -0.1, -REACH), (half, 0.1, REACH)
 
     def bodies(self) -> list[Body]:
         """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""

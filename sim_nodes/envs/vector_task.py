@@ -1,4 +1,4 @@
-"""Base classes: a task as a Gymnasium vector environment, and as a single environment."""
+"""Base classes: a task as a Gymnasium vector environment, with pictures, and as a single environment."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -11,11 +11,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Corner, Pixels
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 NOISE_BLOCK = 128  # steps
 NEVER = -1  # is no number of steps
+SLOWEST = 5  # least frames per second of a video
 
 
 def clip(values: Array, low: Array | float, high: Array | float) -> Array:
@@ -76,16 +79,12 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         return None
 
     @abstractmethod
-    def initial_states(self, num_envs: int) -> Array:
-        """Return the states at the start of an episode, shape (num_envs, state_dim)."""
-
-    def random_initial_states(self, noise: Array) -> Array:
-        """Return the states at the start of episodes; by default `initial_states`.
+    def initial_states(self, noise: Array) -> Array:
+        """Return the states at the start of episodes, shape (num_envs, state_dim).
 
         Args:
             noise: standard normal draws, shape (num_envs, start_noise_dim).
         """
-        return self.initial_states(len(noise))
 
     def terminations(self, states: Array) -> Flags:
         """Return whether these states end the episode, shape (num_envs,); by default none does."""
@@ -163,9 +162,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
     def _starts(self, which: Flags) -> Array:
         """Return initial states of the given environments, from their own streams."""
         streams = [stream for stream, used in zip(self._streams, which, strict=True) if used]
-        return self.random_initial_states(
-            np.stack([stream.standard_normal(self.start_noise_dim) for stream in streams])
-        )
+        return self.initial_states(np.stack([stream.standard_normal(self.start_noise_dim) for stream in streams]))
 
     def _next_noise(self) -> Array:
         """Return the draws of a step; drawing them in blocks is faster and gives the same numbers."""
@@ -184,6 +181,63 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         if len(seed) != self.num_envs:
             raise ValueError(f"seeds: expected {self.num_envs}, one for each environment, got {len(seed)}")
         return list(seed)
+
+
+class DrawnTask(VectorTask):
+    """A task that shows its states and actions as bodies.
+
+    Its pictures, with the render mode "rgb_array", show the current state and the action that led to it.
+
+    Args:
+        num_envs: number of environments.
+        max_episode_steps: steps after which an episode is truncated; None for never.
+        render_mode: "rgb_array" for pictures; None for none.
+    """
+
+    metadata = {**VectorTask.metadata, "render_modes": ["rgb_array"]}
+    view_direction: Corner  # from the task towards the viewer
+    bounds: tuple[Corner, Corner]  # corners of the box that a picture shows, m
+
+    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = None, render_mode: str | None = None) -> None:
+        super().__init__(num_envs, max_episode_steps, render_mode)
+        self.metadata = {**self.metadata, "render_fps": max(round(1.0 / self.step_seconds), SLOWEST)}
+        self._actions = np.zeros((num_envs, *self.single_action_space.shape))
+
+    @abstractmethod
+    def bodies(self) -> list[Body]:
+        """Return the visible bodies."""
+
+    @abstractmethod
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
+        """Return the trajectories of the bodies in an episode; None if nothing moved.
+
+        Args:
+            observations: before each action, shape (steps, d).
+            actions: within their bounds, shape (steps, n).
+        """
+
+    def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every environment, as in `VectorTask.reset`."""
+        self._actions = np.zeros_like(self._actions)
+        return super().reset(**options)
+
+    def _advance(self, actions: Array, noise: Array) -> Array:
+        rewards = super()._advance(actions, noise)
+        self._actions = np.where(self._steps[:, None] > 0, actions, 0.0)  # none led to an initial state
+        return rewards
+
+    def render(self) -> tuple[Pixels, ...] | None:
+        """Return the picture of each environment, shape (height, width, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        seen = self.observe(self._states, np.zeros((self.num_envs, self.observation_noise_dim)))
+        motion = self.motion(seen, self._actions)
+        if motion is None:
+            raise ValueError(f"{type(self).__name__}: expected a motion to draw, got none")
+        camera, bodies = Camera(self.view_direction, self.bounds), self.bodies()
+        return tuple(
+            camera.picture(bodies, *moment) for moment in zip(motion.positions, motion.orientations, strict=True)
+        )
 
 
 class SingleTask(gymnasium.Env[Array, Array]):

@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.drawn_task import DrawnTask
 from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels, quaternions
-from sim_nodes.envs.vector_task import Array, SingleTask, clip
+from sim_nodes.envs.vector_task import Array, DrawnTask, SingleTask, clip
 from sim_nodes.pr2.description import DOOR, PR2, rotation_about
 from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, adapted, demonstration, finger_angle
 from sim_nodes.pr2.world import HINGE_NAMES, JOINT_NAMES, OPENED, Trajectory, World
@@ -71,6 +70,8 @@ class PR2Door(DrawnTask):
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
+    view_direction = (-0.75, -1.0, 0.55)
+    bounds = (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
     observation_names: tuple[str, ...] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
     action_names: tuple[str, ...] = ("shift along the lever (m)", "change of the opening (m)")
     success_reward = float(np.exp(-1.0))  # the greatest reward without opening the door
@@ -109,10 +110,10 @@ class PR2Door(DrawnTask):
             self._world = World()
         return self._world
 
-    def initial_states(self, num_envs: int) -> Array:
+    def initial_states(self, noise: Array) -> Array:
         """Return the errors of the pose: x, y in metres, yaw in radians; shape (num_envs, 3)."""
         if self.pose == "per_run":
-            return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (num_envs, 1))
+            return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (len(noise), 1))
         return np.stack([POSE_SD * stream.standard_normal(3) for stream in self._streams])
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
@@ -162,14 +163,6 @@ class PR2Door(DrawnTask):
             self._world.close()
         self._world = None
 
-    def view_direction(self) -> tuple[float, float, float]:
-        """Return the direction towards the viewer: behind the robot, on the side of its right arm."""
-        return (-0.75, -1.0, 0.55)
-
-    def bounds(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the corners of the box from the robot's back to the wall."""
-        return (-0.4, -0.9, 0.0), (0.9, 1.0, 2.2)
-
     def bodies(self) -> list[Body]:
         """Return the visible bodies: the robot, the door and the wall."""
         return [box.body for description in (PR2, DOOR) for box in description.boxes]
@@ -200,7 +193,7 @@ class PR2Door(DrawnTask):
         """Return the pictures of some moments of a motion; one of the start if there is none."""
         motion, camera, bodies = (
             _trajectories(pose, trajectory),
-            Camera(self.view_direction(), FRAMED),
+            Camera(self.view_direction, FRAMED),
             self.bodies(),
         )
         moments = zip(motion.positions[which], motion.orientations[which], strict=True)

@@ -1,6 +1,6 @@
 r"""The paper's pendulum with a motor, in real time.
 
-In the task of `sim_nodes.envs.pendulum`, an action is two steps of 0.05 s of
+In the task of `sim_nodes.envs.lever_stafford`, an action is two steps of 0.05 s of
 :math:`\theta' = \theta + 0.05\,\omega`, :math:`\omega' = \omega + 0.05\,a`, so 0.1 s of :math:`\ddot\theta = a`:
 a pendulum without gravity, whose motor turns it with a torque of :math:`a` N m against 1 kg m². Here the same motion is
 continuous, with inelastic stops at :math:`\pm\pi`.

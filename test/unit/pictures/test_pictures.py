@@ -37,7 +37,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 from rkhs_ros.view.board import Choice, Subject, board_figure
 from rkhs_ros.view.timeline import Timeline
-from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.lever_stafford import Pendulum
 
 pytestmark = pytest.mark.slow
 

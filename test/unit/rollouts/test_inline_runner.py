@@ -8,7 +8,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.lever_stafford import Pendulum
 
 MakePolicy = Callable[..., GaussianPolicy]
 ARRAYS = ("observations", "actions", "rewards", "mask")

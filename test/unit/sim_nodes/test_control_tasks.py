@@ -4,10 +4,19 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_nodes.envs.ball_on_beam import HALF, START, BallOnBeam
-from sim_nodes.envs.furuta import GRAVITY, MASS, STOP, Furuta
-from sim_nodes.envs.furuta import HALF as POLE_HALF
-from sim_nodes.envs.tanks import HIGHEST, LOWEST, Tanks
+from sim_nodes.envs.control_tasks import (
+    ARM_STOP,
+    BALL_START,
+    BEAM_HALF,
+    GRAVITY,
+    HIGHEST,
+    LOWEST,
+    POLE_HALF,
+    POLE_MASS,
+    BallOnBeam,
+    Furuta,
+    Tanks,
+)
 from sim_nodes.envs.vector_task import VectorTask
 
 
@@ -35,7 +44,7 @@ def test_a_ball_rests_in_the_middle_of_a_level_beam_and_a_fall_costs_six() -> No
     edge = np.array([[0.499, 1.0, 0.0], [-0.3, 0.0, 0.0]])
     assert task.terminations(task.transition(edge, np.zeros((2, 1)), np.empty((2, 0)))).tolist() == [True, False]
     np.testing.assert_allclose(task.reward(edge, np.zeros((2, 1))), [-6.0 - 0.02 * (0.499 / 0.3) ** 2, -0.02])
-    assert HALF == 0.5
+    assert BEAM_HALF == 0.5
 
 
 @pytest.mark.parametrize("pump", [0.2, 0.5, 0.9])
@@ -58,12 +67,12 @@ def test_what_leaves_the_first_tank_enters_the_second() -> None:
 def energy(states: np.ndarray) -> np.ndarray:
     """Return the energy of arm and pole, from the velocities of points on a pole of uniform mass, J."""
     _, pole, arm_speed, pole_speed = states.T
-    total = 1.2e-4 * arm_speed**2 / 2 + MASS * GRAVITY * POLE_HALF * np.cos(pole)
+    total = 1.2e-4 * arm_speed**2 / 2 + POLE_MASS * GRAVITY * POLE_HALF * np.cos(pole)
     for along, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True):
         r = POLE_HALF * (1 + along)  # from the joint at the end of the arm
         out, beside, up = r * np.sin(pole) * arm_speed, 0.085 * arm_speed, -r * np.sin(pole) * pole_speed
         beside = beside + r * np.cos(pole) * pole_speed
-        total = total + weight / 2 * MASS / 2 * (out**2 + beside**2 + up**2)
+        total = total + weight / 2 * POLE_MASS / 2 * (out**2 + beside**2 + up**2)
     return np.asarray(total)
 
 
@@ -83,12 +92,12 @@ def test_the_hanging_pole_rests_and_the_upright_one_falls() -> None:
     hanging, upright = (after(task, (0.0, angle, 0.0, 0.0), 0.0, 100)[-1] for angle in (np.pi, 1e-3))
     np.testing.assert_allclose(hanging, [0.0, np.pi, 0.0, 0.0], atol=1e-9)
     assert abs(upright[1]) > 0.1
-    assert np.abs(after(task, (0.0, np.pi, 0.0, 0.0), 1.0, 100)[:, 0]).max() == STOP
+    assert np.abs(after(task, (0.0, np.pi, 0.0, 0.0), 1.0, 100)[:, 0]).max() == ARM_STOP
     assert task.reward(np.zeros((1, 4)), np.zeros((1, 1)))[0] == pytest.approx(1.0)
 
 
 def test_episodes_start_with_the_documented_distributions() -> None:
-    for task, low, high in ((BallOnBeam(4000), -START, START), (Tanks(4000), LOWEST, HIGHEST)):
+    for task, low, high in ((BallOnBeam(4000), -BALL_START, BALL_START), (Tanks(4000), LOWEST, HIGHEST)):
         starts = task.reset(seed=0)[0]
         assert ((starts >= low) & (starts <= high)).all()
         np.testing.assert_allclose(starts.mean(axis=0), (low + high) / 2, atol=0.02)

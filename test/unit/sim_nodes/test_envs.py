@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_nodes.envs import TASKS
-from sim_nodes.envs.pendulum import Pendulum, PendulumPOMDP
-from sim_nodes.envs.toy import Toy
+from sim_nodes.envs.lever_stafford import Pendulum, PendulumPOMDP, Toy
 from sim_nodes.envs.vector_task import VectorTask
 
 over_tasks = pytest.mark.parametrize("task", TASKS)
@@ -127,7 +126,7 @@ def test_each_step_uses_the_next_draws_of_its_stream(
     observations, rewards = play(task, actions, seeds)
     for row, seed in enumerate(seeds):
         stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
-        state = cls(1, **options).initial_states(1)
+        state = cls(1, **options).initial_states(np.empty((1, 0)))
         seen = state[0] if cls is not PendulumPOMDP else state[0, :1] + 0.04 * stream.standard_normal(1)
         assert np.array_equal(observations[0, row], seen)
         for t in range(300):

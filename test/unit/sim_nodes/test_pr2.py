@@ -365,7 +365,7 @@ def test_an_action_is_added_to_the_start_and_both_are_clipped(action: list[float
 def test_the_action_against_the_start_is_the_demonstration(task: PR2Door) -> None:
     start = [0.04, 0.02]
     other = PR2Door(2, start=start)
-    other.initial_states = lambda rows: np.zeros((rows, 3))  # type: ignore[method-assign]
+    other.initial_states = lambda noise: np.zeros((len(noise), 3))  # type: ignore[method-assign]
     _, rewards = play(other, np.stack([-np.array(start), np.zeros(2)]), [0, 0])
     assert rewards[0] == pytest.approx(task.attempt(STRAIGHT, np.zeros(2)).reward, abs=1e-6)
     assert rewards[1] == pytest.approx(task.attempt(STRAIGHT, np.array(start)).reward, abs=1e-6)

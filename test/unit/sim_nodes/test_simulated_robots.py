@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.base.settings import entries
 from rkhs_ros.policies.streams import stream
-from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.lever_stafford import Pendulum
 from sim_nodes.robots import SETTINGS, drives, settings_of
 from sim_nodes.robots.hardware import MOST_CATCH_UP_S, Hardware, Sample, Wire
 from sim_nodes.robots.motor_pendulum import (
@@ -84,7 +84,7 @@ def test_the_brake_brings_the_pendulum_to_rest_in_the_expected_time(velocity: fl
 
 def test_an_action_has_the_same_effect_as_in_the_papers_task() -> None:
     task, pendulum = Pendulum(), MotorPendulum()
-    states = task.initial_states(1)
+    states = task.initial_states(np.empty((1, 0)))
     for torque in (3.0, 3.0, 1.5, -2.0, 0.5, -3.0):
         states = task.transition(states, np.array([[torque]]), np.zeros((1, 4)))
         pendulum = steps(pendulum.heard([torque]), round(task.step_seconds / STEP))

@@ -231,5 +231,5 @@ def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
     motion = timeline.motion(np.arange(100.0).reshape(5, 20), np.zeros((5, 2)))
     assert motion.positions.shape == (5, len(timeline.bodies()), 3)
     assert (np.diff(motion.positions[:, 0, 0]) > 0).all()
-    low, high = np.array(timeline.bounds())
+    low, high = np.array(timeline.bounds)
     assert ((motion.positions[..., ::2] > low[::2]) & (motion.positions[..., ::2] < high[::2])).all()

@@ -155,7 +155,7 @@ def test_the_arm_has_the_frames_of_its_physics_engine(episode: tuple[Array, Arra
             SO3(motion.orientations[step, 8]).as_matrix(), SO3(np.array([w, x, y, z])).as_matrix(), atol=1e-5
         )
     assert np.allclose(motion.positions[:, -2], [0.5, 0.1, 0.45])  # the mark; its unobserved x is that of the tool
-    low, high = scene.bounds()
+    low, high = scene.bounds
     assert (motion.positions > low).all()
     assert (motion.positions < high).all()
 

@@ -23,7 +23,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from sim_nodes.envs.pendulum import Pendulum
+from sim_nodes.envs.lever_stafford import Pendulum
 from test.unit.conftest import model_free
 
 MODEL = ModelBased(updates=15, rollouts=20, centres=60)
