@@ -22,7 +22,7 @@ from command import parsed, parser
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance

@@ -22,7 +22,7 @@ from rkhs_ros.app.inline import runner_of
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import pick
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 import sim_nodes.envs  # noqa: F401
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 
 # Background jobs of a shell ignore SIGINT, and those of nohup ignore SIGHUP. Child processes inherit this, and tests
 # end child processes by signals. Python itself ignores SIGPIPE and SIGXFSZ, and subprocess restores both.

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rkhs_ros.app.inline import load_acting
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import State
 from rkhs_ros.policies.policy import Policy

@@ -83,7 +83,7 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-PROBE_S = 0.002  # seconds between attempts while `is_locked` of other processes shares the lock for a moment
+ATTEMPTS, PAUSE_S = 10, 0.002  # to take a lock, which `is_locked` of other processes shares for a moment
 
 
 def is_locked(folder: Path) -> bool:
@@ -110,28 +110,16 @@ def locked(folder: Path) -> Iterator[None]:
         OSError: the folder cannot be written.
     """
     with (folder / "lock").open("ab") as file:
-        if not _take(file):
+        if not any(_is_taken(file) for _ in range(ATTEMPTS)):
             raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")
         yield
 
 
-def _take(file: IO[bytes]) -> bool:
-    """Take the lock and return True; return False if a run holds it.
-
-    A run holds the lock exclusively, `is_locked` only shares it. If the lock can be shared, no run holds it, and the
-    next attempt may succeed.
-    """
-    while not _lock(file, fcntl.LOCK_EX):
-        if not _lock(file, fcntl.LOCK_SH):
-            return False
-        fcntl.flock(file, fcntl.LOCK_UN)
-        time.sleep(PROBE_S)
-    return True
-
-
-def _lock(file: IO[bytes], kind: int) -> bool:
+def _is_taken(file: IO[bytes]) -> bool:
+    """Try to take a lock, and return whether that succeeded; if not, wait for a moment."""
     try:
-        fcntl.flock(file, kind | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
+        time.sleep(PAUSE_S)
         return False
     return True

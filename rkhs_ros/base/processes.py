@@ -1,10 +1,14 @@
-"""Processes: where they search for modules, and that they end with their parent process."""
+"""Processes: where they search for modules, that they end with their parent, and their linear algebra in one thread."""
 
 import ctypes
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from runpy import run_module
+from typing import Any
 
 PR_SET_PDEATHSIG = 1  # of prctl(2)
 _libc = ctypes.CDLL(None)
@@ -35,6 +39,25 @@ def searches_here() -> bool:
 def python(module: str) -> list[str]:
     """Return the command that runs a module in another process, which searches for modules where this one does."""
     return [sys.executable, "-P", "-m", *([__name__] if searches_here() else []), module]
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit linear algebra to one thread within the context, overriding the environment.
+
+    At the sizes used here more threads are slower, and they change the order of sums and thus the last bits.
+    """
+    with _linear_algebra().limit(limits=1):
+        yield
+
+
+@cache
+def _linear_algebra() -> Any:
+    """Return the loaded linear-algebra libraries; cached, because the search covers the whole process."""
+    import scipy.linalg  # numpy and scipy load all the linear algebra in use  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
 
 
 if __name__ == "__main__":

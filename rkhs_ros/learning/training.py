@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.learning.algorithms.algorithm import Experience
 from rkhs_ros.learning.discovery import choose_action_repeat, correct_action_repeat, with_features
 from rkhs_ros.learning.episodes import Episodes

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training import Runner
 from rkhs_ros.learning.training_settings import Training

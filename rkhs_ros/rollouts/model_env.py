@@ -11,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from rkhs_ros.base.threads import one_thread
+from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import Draws, ModelRunner

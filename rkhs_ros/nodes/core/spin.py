@@ -35,9 +35,8 @@ from rkhs_ros.base.endings import (
     StoppedError,
     print_error,
 )
-from rkhs_ros.base.processes import search_here
+from rkhs_ros.base.processes import one_thread, search_here
 from rkhs_ros.base.settings import Entry
-from rkhs_ros.base.threads import one_thread
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.parameters import check_arguments, declare
 from rkhs_ros.nodes.core.transport import by_udp

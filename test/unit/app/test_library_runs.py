@@ -158,16 +158,3 @@ def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
 
     with pytest.raises(rkhs_ros.RunError, match=r"Fails: step 1 of environment 0: RuntimeError: the cable is loose"):
         rkhs_ros.train(Fails, out=tmp_path / "run", **SHORT)
-
-
-def test_resuming_with_another_initial_policy_is_refused(tmp_path: Path) -> None:
-    first, second = (rkhs_ros.train("rkhs/Toy-v0", **{**SHORT, "seed": seed}).policy for seed in (1, 2))
-    run = tmp_path / "run"
-    rkhs_ros.train("rkhs/Toy-v0", out=run, policy=first, **SHORT)
-    longer = {**SHORT, "iterations": 4}
-    for other in (second, first):
-        if other is second:
-            with pytest.raises(ValueError, match=r"^policy: expected the initial policy of the run in .*, got another"):
-                rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer)
-        else:
-            assert len(rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=other, **longer).rows) == 4
