@@ -4,7 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.task_check import TaskCheck
+from rkhs_ros.policies.spaces import Spaces
+from test.unit.conftest import model_free
 
 Rkhs = Callable[..., Any]
 CONFIGS = Path(__file__).parents[3] / "config"
@@ -64,3 +70,14 @@ def test_inputs_that_training_keeps_are_not_searched(rkhs: Rkhs, fixed: tuple[st
     not_tested = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
     assert values["angles"] == values["history"] == not_tested
     assert "inputs" not in values["last"]
+
+
+@pytest.mark.parametrize(("frequency", "fast"), [(0.088, False), (0.105, True)])  # changes of 0.55 and 0.65
+def test_a_task_whose_state_changes_too_fast_is_named(frequency: float, fast: bool) -> None:
+    phase = 2.0 * np.pi * frequency * np.arange(400)
+    observed = np.stack([np.sin(phase), np.cos(phase)], axis=1)[None]
+    rng, ones = np.random.default_rng(0), np.ones((1, 400), dtype=bool)
+    actions, rewards = rng.uniform(-1.0, 1.0, (1, 400, 1)), observed[..., 0]
+    episodes = Episodes.without_ends(observed, actions, rewards, ones)
+    checked = TaskCheck.of(episodes, model_free(), Spaces((2,), -np.ones(1), np.ones(1)))
+    assert ("change per decision: run the task at a higher control rate" in checked.problems()) == fast

@@ -206,3 +206,10 @@ def test_training_goes_on_as_long_as_policies_improve() -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1, algorithm=algorithm))
     assert updates == list(range(SMALL.updates))
     assert iteration.policy.mean.weights[0, 0] == 0.05 * updates[-1]
+
+
+def test_training_may_return_to_the_last_five_policies_before_the_newest() -> None:
+    quick = replace(TRAINING, iterations=7, evaluate_every=0, model=replace(SMALL, updates=1))
+    iterations = learn(quick)
+    assert [len(each.state.earlier) for each in iterations] == [1, 2, 3, 4, 5, 5, 5]
+    assert iterations[-1].state.earlier[0] is iterations[-2].policy
