@@ -1,7 +1,8 @@
 """Make the films and pictures of the documentation: `python docs/make_films.py NAME ...`.
 
-NAME is one of pendulum, cart_pole, run and pr2. The films of robots are made from the folder of a run in config/ after
-`rkhs evaluate RUN`: `robot_pendulum=RUN` and `robot_arm=RUN`.
+NAME is one of pendulum, cart_pole, run, pr2 and `tune_node=PARAMETERS`, with the file that `rkhs tune-node` wrote. The
+films of robots are made from the folder of a run in config/ after `rkhs evaluate RUN`: `robot_pendulum=RUN` and
+`robot_arm=RUN`.
 """
 
 import sys
@@ -21,6 +22,7 @@ from PIL import Image
 from scipy.optimize import least_squares
 
 from rkhs_ros.app.inline import iterations, runner_of
+from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.film import animate, draw_strip, shoot, spread
@@ -33,6 +35,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.run import run_training
+from sim_nodes.axis_node import GAINS, PERIOD, TARGET, Axis, Controller
 from sim_nodes.envs.scene import Camera
 
 HERE = Path(__file__).parent
@@ -249,10 +252,29 @@ def write_gif(name: str, scenes: list[Scene], chart: Chart, frame_ms: int = FRAM
     (HERE / f"{name}.gif").write_bytes(buffer.getvalue())
 
 
+def tune_node(parameters: Path) -> None:
+    """Draw steps of the axis with its first gains and with those that ``rkhs tune-node`` wrote."""
+    (best,) = loaded(parameters.read_text()).values()
+    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for label, gains, colour in (("before", GAINS, COLOURS[1]), ("after", best["ros__parameters"], COLOURS[0])):
+        axis, controller, positions = Axis(), Controller(**gains), [0.0]
+        for _ in range(200):
+            axis.advance(controller.command(axis.sensed))
+            positions.append(axis.sensed)
+        values = ", ".join(f"{name} = {value:.3g}" for name, value in gains.items())
+        axes.plot(PERIOD * np.arange(len(positions)), positions, color=colour, label=f"{label}: {values}")
+    axes.axhline(TARGET, color="0.4", linestyle="--", linewidth=1.0, label="target")
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("position (m)")
+    axes.legend(frameon=False, loc="lower right")
+    figure.savefig(HERE / "tune_node.png", dpi=110)
+
+
 def main() -> None:
     """Make what the command line names."""
     makers: dict[str, Any] = {
-        make.__name__: make for make in (pendulum, cart_pole, run, pr2, robot_pendulum, robot_arm)
+        make.__name__: make for make in (pendulum, cart_pole, run, pr2, robot_pendulum, robot_arm, tune_node)
     }
     for argument in sys.argv[1:]:
         name, _, folder = argument.partition("=")

@@ -58,7 +58,7 @@ class Tuning(Settings):
     """
 
     node: str = setting("", "name of the node whose parameters are tuned")
-    trials: int = setting(30, "maximum number of trials", minimum=2, maximum=10_000)
+    trials: int = setting(30, "maximum number of trials", minimum=8, maximum=10_000)
     context: tuple[str, ...] = setting(
         (), "names of the observed values that the parameters depend on, as they are when a trial starts"
     )

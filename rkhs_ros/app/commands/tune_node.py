@@ -20,11 +20,11 @@ from rkhs_ros.robot.tuning import Tuning, tuning_from
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.parameter_env import ParameterEnv
 
-EXPLORATION_SD = 0.3  # of a place in its range, from -1 to 1
+TRIALS = 5  # per iteration
+EXPLORATION_SD = 0.4  # of a place in its range, from -1 to 1
 CENTRES = 200
-FEWEST_TRIALS = 10  # before a run may end early
-WAITED = 5  # trials without an expected gain after which it ends
-NEAR = 0.1  # distance of two trials up to which their rewards differ by noise
+NEAR, FEWEST_PAIRS = 0.1, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
+CONFIRMED = 3  # best trials that are repeated at the end
 BEST = "parameters.yaml"
 
 
@@ -54,7 +54,8 @@ def _tune_node(options: argparse.Namespace) -> int:
             environment,
             name=options.file.stem,
             model=ModelBased(discovery="none"),
-            iterations=tuning.trials,
+            iterations=max(1, (tuning.trials - (0 if tuning.context else CONFIRMED)) // TRIALS),
+            episodes_per_iteration=TRIALS,
             seed=options.seed,
             horizon=1,
             action_repeat=1,
@@ -81,29 +82,28 @@ def _trials(result: Result) -> tuple[Array, Array, Array]:
     return episodes.observations[:, 0], np.clip(episodes.actions[:, 0], -1.0, 1.0), episodes.rewards[:, 0]
 
 
-def _expected(contexts: Array, actions: Array, rewards: Array) -> Array:
-    """Return the posterior mean of the reward of each trial, shape (n,)."""
-    points = np.concatenate([contexts, actions], axis=1)
-    return Posterior.fit(points, rewards[:, None], CENTRES).mean(points)[:, 0]
-
-
 def _goes_on(result: Result) -> bool:
-    """Return False once the gain that the model expects stays below the noise of trials that are nearly repeated."""
+    """Return False once the model expects less gain than the noise of trials that nearly repeat each other."""
     contexts, actions, rewards = _trials(result)
-    if len(rewards) < FEWEST_TRIALS:
+    distances = np.linalg.norm(actions[:, None] - actions, axis=2) + np.linalg.norm(
+        contexts[:, None] - contexts, axis=2
+    )
+    pairs = np.argwhere(np.triu(distances < NEAR, k=1))
+    if len(pairs) < FEWEST_PAIRS:
         return True
-    distances = np.linalg.norm(actions[:, None] - actions, axis=2) + np.inf * np.tri(len(actions))
-    pairs = np.argwhere(distances < NEAR)
-    if len(pairs) < WAITED:
-        return True
-    noise = float(np.median(np.abs(rewards[pairs[:, 0]] - rewards[pairs[:, 1]])))
-    gains = result.curve["model_return"][-WAITED:] - _expected(contexts, actions, rewards).max()
-    return bool((gains > noise).any())
+    noise = np.median(np.abs(rewards[pairs[:, 0]] - rewards[pairs[:, 1]]))
+    points = np.concatenate([contexts, actions], axis=1)
+    best = Posterior.fit(points, rewards[:, None], CENTRES).mean(points).max()
+    return bool(result.iteration.model_return - best > noise)
 
 
 def _best(environment: "ParameterEnv", tuning: Tuning, result: Result) -> dict[str, Any]:
-    """Return the parameters of the best trial by the posterior mean; with a context, those of the policy for it."""
+    """Repeat the best trials, and return the best parameters; with a context, those of the policy for it."""
     if tuning.context:
         return environment.values(result.policy(environment.reset()[0]))
-    trials = _trials(result)
-    return environment.values(trials[1][int(_expected(*trials).argmax())])
+    _, actions, rewards = _trials(result)
+    scores = {}
+    for row in np.argsort(-rewards, kind="stable")[:CONFIRMED]:
+        environment.reset()
+        scores[row] = rewards[row] + environment.step(actions[row])[1]
+    return environment.values(actions[max(scores, key=lambda row: float(scores[row]))])
