@@ -55,6 +55,7 @@ setup(
     ],
     python_requires=">=3.11",
     install_requires=[
+        "argcomplete>=3",
         "gymnasium>=1.1",
         "joblib>=1.3",
         "matplotlib>=3.6",

@@ -115,7 +115,9 @@ class AxisController(Node):  # type: ignore[misc]  # rclpy has no types
 
 
 def reward(times: Array, observed: Array) -> float:
-    """Return the negative cost of a step: mean error, overshoot and chatter of the force.
+    """Return the negative logarithm of a step's cost, the sum of mean error, overshoot and chatter of the force.
+
+    Costs of bad gains are greater by factors, whose sizes would otherwise hide the differences of good ones.
 
     Args:
         times: seconds since the start, shape (k,).
@@ -123,7 +125,7 @@ def reward(times: Array, observed: Array) -> float:
     """
     position, force = observed[:, 0], observed[:, 1]
     error, overshoot = np.abs(position - TARGET).mean() / TARGET, max(0.0, position.max() - TARGET) / TARGET
-    return float(-(error + overshoot + 0.005 * np.abs(np.diff(force)).mean()))
+    return float(-np.log(error + overshoot + 0.005 * np.abs(np.diff(force)).mean()))
 
 
 def main() -> None:

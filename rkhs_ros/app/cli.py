@@ -64,7 +64,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: print one line and exit with code 2 for bad input, 1 for a failure."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # like Ctrl-C: the run saves its policy
     os.environ.update(ONE_THREAD)
+    if "_ARGCOMPLETE" in os.environ:
+        _complete(os.environ["COMP_LINE"].split())
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else arguments))
+
+
+def _complete(words: Sequence[str]) -> None:
+    """Pass the completions of a command line to the shell that requests them, and exit."""
+    import argcomplete  # only here, since few calls need it
+
+    parser = Parser(prog="rkhs")
+    commands = parser.add_subparsers()
+    for name in COMMANDS:
+        command = commands.add_parser(name)
+        if name in words:
+            _declare(command, name)
+    argcomplete.autocomplete(parser)
+
+
+def _declare(parser: Parser, name: str) -> None:
+    """Declare the arguments of a command, whose module is imported."""
+    module = import_module(f"rkhs_ros.app.commands.{COMMANDS[name][0]}")
+    getattr(module, f"add_{name.replace('-', '_')}")(parser)
 
 
 def _exit_code(arguments: Sequence[str]) -> int:
@@ -103,9 +124,9 @@ def parsed(arguments: Sequence[str]) -> argparse.Namespace:
         from rkhs_ros.base.validation import hint, truncated  # imports numpy, which would slow down --help
 
         raise ValueError(f"unknown command '{truncated(called.command)}', {hint(called.command, COMMANDS)}")
-    module, about = COMMANDS[called.command]
+    _, about = COMMANDS[called.command]
     command = Parser(prog=f"rkhs {called.command}", description=f"{about[0].upper()}{about[1:]}.")
-    getattr(import_module(f"rkhs_ros.app.commands.{module}"), f"add_{called.command.replace('-', '_')}")(command)
+    _declare(command, called.command)
     return command.parse_intermixed_args(called.arguments)  # options may stand between files
 
 
