@@ -82,7 +82,7 @@ class ArmReadings(NamedTuple):
     mark: tuple[float, ...]
 
 
-class ArmRobot(Robot[Drives]):
+class ArmRobot(Robot):
     """The arm as a simulated robot.
 
     Owns its drives, its body, the episode with its start time, and the stream of the sensors' noise.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,16 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from sim_nodes.robots.robot import COMMAND_TIMEOUT, SECOND_PUBLISHER, TOLERANCE, Protection
 
 Array = NDArray[np.float64]
-KINDS = (
-    "malformed",
-    "non_finite",
-    "position",
-    "step",
-    "velocity",
-    "acceleration",
-    SECOND_PUBLISHER,
-    COMMAND_TIMEOUT,
-)
+LIMITED = ("position", "step", "velocity", "acceleration")
+KINDS = ("malformed", "non_finite", *LIMITED, SECOND_PUBLISHER, COMMAND_TIMEOUT)
 BANDWIDTH = 15.0  # 1/s, of the critically damped filter between set points and motion
 BRAKE = 20.0  # rad/s² of each joint
 
@@ -39,11 +30,6 @@ class JointCommand:
     names: tuple[str, ...]
     times: tuple[float, ...]
     positions: tuple[tuple[float, ...], ...]
-
-    @staticmethod
-    def of_positions(positions: Sequence[float]) -> JointCommand:
-        """Return the command to move to positions at once."""
-        return JointCommand((), (0.0,), (tuple(positions),))
 
 
 @dataclass(frozen=True)

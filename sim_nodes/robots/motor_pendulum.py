@@ -75,11 +75,6 @@ class MotorPendulum:
     is_driven: bool = False
     protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
 
-    @property
-    def energy(self) -> float:
-        """Kinetic energy, J; there is no potential energy."""
-        return 0.5 * self.velocity**2
-
     def heard(self, command: Sequence[float]) -> MotorPendulum:
         """Return the state after a torque command arrives: the motor applies it, or the protective stop triggers."""
         violation = self._violation(command)
@@ -138,7 +133,7 @@ def _braked(velocity: float, seconds: float) -> float:
     return math.copysign(max(abs(velocity) - BRAKE * seconds, 0.0), velocity)
 
 
-class MotorPendulumRobot(Robot[MotorPendulum]):
+class MotorPendulumRobot(Robot):
     """The pendulum as a simulated robot.
 
     Owns its state and the streams of its noise.

@@ -1,12 +1,20 @@
 """The node of a simulated robot, a process that behaves like hardware in real time."""
 
 import time
+from collections.abc import Callable
 from math import inf
 from typing import Any
 
+from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Quaternion
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, rivals
@@ -14,13 +22,99 @@ from rkhs_ros.nodes.core.messages import LATCHED_QOS, now_by_both_clocks
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
-from sim_nodes.robots.hardware import Hardware, Sample
-from sim_nodes.robots.robot import SECOND_PUBLISHER
-from sim_nodes.robots.topics import ArmTopics, MotorPendulumTopics, RobotTopics
+from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
+from sim_nodes.robots.drives import JointCommand
+from sim_nodes.robots.motor_pendulum import MotorPendulumRobot
+from sim_nodes.robots.robot import SECOND_PUBLISHER, Hardware, JointReadings, Robot
 
-TOPICS: dict[str, Any] = {"motor_pendulum": MotorPendulumTopics, "arm": ArmTopics}
+SENSOR_QOS = QoSProfile(depth=10)  # like the controllers of ros2_control
 LEFT_TIMEOUT_S = 4.0  # for the senders of commands to exit, before the node exits
 REPORT_PERIOD_S = 0.1  # between reports of violations, and checks of the commands' publishers
+
+
+class RobotTopics:
+    """The topics of a robot: commands in; readings of the joints out, and its description once.
+
+    Args:
+        node: the robot's node.
+        robot: the robot.
+        topic: topic of its commands.
+        kind: type of their messages.
+        hear: receives a message.
+    """
+
+    def __init__(self, node: Node, robot: Robot, topic: str, kind: type, hear: Callable[[Any], None]) -> None:
+        self.robot, self.command_topics = robot, (topic,)
+        self._states = node.create_publisher(JointState, "joint_states", SENSOR_QOS)
+        self._description = node.create_publisher(String, "robot_description", LATCHED_QOS)
+        self._description.publish(String(data=robot.description()))
+        node.create_subscription(kind, topic, hear, SENSOR_QOS)
+
+    def publish(self, readings: Any, stamp: Stamp) -> None:
+        """Publish the readings of the sensors, with their time stamp."""
+        self._publish_joints(readings, stamp)
+
+    def _publish_joints(self, readings: JointReadings, stamp: Stamp) -> None:
+        names, *values = readings
+        position, velocity, effort = (list(each) for each in values)
+        header = Header(stamp=stamp)
+        self._states.publish(JointState(header=header, name=names, position=position, velocity=velocity, effort=effort))
+
+
+class ArmTopics(RobotTopics):
+    """The topics of the arm, which also publishes the poses of its tool and the mark, and starts episodes."""
+
+    def __init__(self, node: Node, arm: ArmRobot, topic: str, kind: type, hear: Callable[[Any], None]) -> None:
+        super().__init__(node, arm, topic, kind, hear)
+        self._tool = node.create_publisher(PoseStamped, "end_effector", SENSOR_QOS)
+        self._mark = node.create_publisher(PointStamped, "mark", SENSOR_QOS)
+
+        def begin(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            arm.begin_episode()
+            response.success = True
+            return response
+
+        node.create_service(Trigger, "~/begin_episode", begin)
+
+    def publish(self, readings: ArmReadings, stamp: Stamp) -> None:
+        """Publish the readings of the sensors, with their time stamp."""
+        self._publish_joints(readings.joints, stamp)
+        header = Header(stamp=stamp, frame_id="panda_link0")
+        tool, mark = (Point(**dict(zip("xyz", place, strict=True))) for place in (readings.tool[0], readings.mark))
+        turn = Quaternion(**dict(zip("xyzw", readings.tool[1], strict=True)))
+        self._tool.publish(PoseStamped(header=header, pose=Pose(position=tool, orientation=turn)))
+        self._mark.publish(PointStamped(header=header, point=mark))
+
+
+def topics_of(node: Node, settings: Any, send: Callable[[Any], None]) -> RobotTopics:
+    """Return the topics of a new robot.
+
+    Args:
+        node: the robot's node.
+        settings: of the robot.
+        send: sends a command to the robot.
+    """
+    if not isinstance(settings, ArmSettings):
+        pendulum, topic = MotorPendulumRobot(settings), "effort_controller/commands"
+        return RobotTopics(node, pendulum, topic, Float64MultiArray, lambda message: send(message.data))
+    arm, name = ArmRobot(settings), settings.controller
+    if name == POSITIONS:
+        topic, kind = f"{name}/commands", Float64MultiArray
+        return ArmTopics(node, arm, topic, kind, lambda message: send(JointCommand((), (0.0,), (tuple(message.data),))))
+    topic, kind = f"{name}/joint_trajectory", JointTrajectory
+    return ArmTopics(node, arm, topic, kind, lambda message: send(trajectory(message, settings.speed)))
+
+
+def trajectory(message: JointTrajectory, speed: float) -> JointCommand:
+    """Return the command of a trajectory message, which starts on arrival and ignores the stamp.
+
+    Args:
+        message: the trajectory.
+        speed: factor of its times.
+    """
+    durations = [point.time_from_start for point in message.points]
+    times = tuple(speed * (duration.sec + 1e-9 * duration.nanosec) for duration in durations)
+    return JointCommand(tuple(message.joint_names), times, tuple(tuple(point.positions) for point in message.points))
 
 
 class SimulatedRobotNode(ReportingNode):
@@ -45,7 +139,7 @@ class SimulatedRobotNode(ReportingNode):
         self._published: tuple[object, ...] = ()
         self._end_at = inf  # monotonic time, seconds; finite once the node has been asked to exit
         self._crowded = ""
-        self._topics: RobotTopics = TOPICS[name](self, settings, self._command)
+        self._topics = topics_of(self, settings, self._command)
         self._hardware = Hardware(self._topics.robot)
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, self._report)
@@ -56,8 +150,9 @@ class SimulatedRobotNode(ReportingNode):
     def heartbeat(self) -> float:
         """Advance the robot and publish the readings of its sensors; return the seconds until its next event."""
         now = self._now()
-        for sample in self._hardware.advance(now):
-            self._topics.publish(sample.readings, self._stamp(sample))
+        for moment, readings in self._hardware.advance(now):
+            stamp = Time(nanoseconds=self._begin_ns + round(1e9 * moment / self._speed))  # by the system clock
+            self._topics.publish(readings, stamp.to_msg())
         self.diagnostics.steps = self._hardware.steps
         self.diagnostics.stuck = self._topics.robot.state.protection.reason
         self._check_commands()
@@ -74,10 +169,6 @@ class SimulatedRobotNode(ReportingNode):
     def _now(self) -> float:
         """Return the robot's time in seconds."""
         return (time.monotonic() - self._begin) * self._speed
-
-    def _stamp(self, sample: Sample) -> Any:
-        """Return the time of a sample by the system clock."""
-        return Time(nanoseconds=self._begin_ns + round(1e9 * sample.time / self._speed)).to_msg()
 
     def _command(self, command: Any) -> None:
         self._hardware.send(self._now(), command)

@@ -20,8 +20,7 @@ from std_srvs.srv import Trigger
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from sim_nodes.robots import drives, motor_pendulum
 from sim_nodes.robots.arm import HOME
-from sim_nodes.robots.simulated_robot_node import SimulatedRobotNode
-from sim_nodes.robots.topics import SENSOR_QOS
+from sim_nodes.robots.simulated_robot_node import SENSOR_QOS, SimulatedRobotNode
 from test.ros.conftest import Probe
 
 TORQUE = "effort_controller/commands"

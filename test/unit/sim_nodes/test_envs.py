@@ -88,16 +88,6 @@ def test_environments_of_a_batch_are_independent(
             assert np.array_equal(a[:, 0], b[:, row])
 
 
-@over_variants
-def test_only_the_same_seed_repeats_an_episode(
-    cls: type[VectorTask], options: dict[str, Any], rng: np.random.Generator
-) -> None:
-    task, actions = cls(2, **options), rng.normal(size=(9, 2, 1))
-    first, again, other = (play(task, actions, seed)[0] for seed in ([1, 2], [1, 2], [3, 4]))
-    assert np.array_equal(first, again)
-    assert not np.any(first[1:] == other[1:])
-
-
 def test_a_step_of_the_toy_is_the_papers_formula() -> None:
     state, action, noise = np.array([[0.5], [3.9]]), np.array([[0.7], [1.0]]), np.array([[-1.0], [2.0]])
     expected = [[0.5 + 0.7 - 0.11], [4.0]]  # the second is stopped at the end of [-4, 4]

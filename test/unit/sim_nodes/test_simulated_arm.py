@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sim_nodes.robots.arm import CENTRE, EXTENT, HOME, PERIOD_S, ArmRobot, ArmSettings, first_phase, mark_at
 from sim_nodes.robots.drives import BANDWIDTH, BRAKE, KINDS, DriveLimits, Drives, JointCommand, SetPoints
-from sim_nodes.robots.hardware import Hardware
+from sim_nodes.robots.robot import Hardware
 
 STEP = 1.0 / 240.0  # s
 LIMITS = DriveLimits(*(np.array(pair) for pair in ((-1.0, -2.0), (1.0, 2.0), (2.0, 2.0), (25.0, 25.0), (0.1, 0.05))))
@@ -25,7 +25,7 @@ def moved(drives: Drives, seconds: float) -> Drives:
 
 
 def at(*positions: float) -> JointCommand:
-    return JointCommand.of_positions(positions)
+    return JointCommand((), (0.0,), (positions,))
 
 
 @given(st.floats(-0.1, 0.1), st.floats(-0.05, 0.05))
@@ -147,15 +147,15 @@ def arm() -> ArmRobot:
 
 def test_the_body_holds_against_gravity_and_follows_its_drives(arm: ArmRobot) -> None:
     hardware = Hardware(arm)
-    held = hardware.advance(0.5)[-1].readings.joints
+    held = hardware.advance(0.5)[-1][1].joints
     np.testing.assert_allclose(held.positions, HOME, atol=1e-3)
     assert abs(held.efforts[1]) > 5.0  # the shoulder bears the arm
     for number in range(1, 51):
         time = 0.5 + 0.02 * number
         hardware.send(time - 0.02, at(*(HOME + 0.004 * number)))
-        joints = hardware.advance(time)[-1].readings.joints
+        joints = hardware.advance(time)[-1][1].joints
         np.testing.assert_allclose(joints.positions, arm.state.position, atol=0.02)
-    last = hardware.advance(2.5)[-1].readings.joints
+    last = hardware.advance(2.5)[-1][1].joints
     np.testing.assert_allclose(last.positions, HOME + 0.2, atol=2e-3)
     assert hardware.report()["violations"] == 0
 
@@ -167,8 +167,8 @@ def test_a_stopped_arm_stands_still(arm: ArmRobot) -> None:
         hardware.advance(0.02 * number)
     hardware.send(0.4, at(*[math.nan] * 7))
     hardware.advance(0.8)
-    stopped = np.array(hardware.advance(1.0)[-1].readings.joints.positions)
-    np.testing.assert_allclose(hardware.advance(1.5)[-1].readings.joints.positions, stopped, atol=1e-3)
+    stopped = np.array(hardware.advance(1.0)[-1][1].joints.positions)
+    np.testing.assert_allclose(hardware.advance(1.5)[-1][1].joints.positions, stopped, atol=1e-3)
     assert hardware.report()["non_finite"] == 1
 
 
@@ -177,7 +177,7 @@ def test_the_mark_restarts_with_each_episode(arm: ArmRobot) -> None:
     hardware.advance(0.3)
     arm.begin_episode()
     begin = hardware.time
-    sample = hardware.advance(0.5)[-1]
-    np.testing.assert_allclose(sample.readings.mark, mark_at(sample.time - begin, first_phase(0, 1)))
-    assert np.linalg.norm(np.subtract(sample.readings.tool.position, CENTRE)) < 0.1  # at home it is near the path
-    assert math.hypot(*sample.readings.tool.orientation) == pytest.approx(1.0)
+    time, readings = hardware.advance(0.5)[-1]
+    np.testing.assert_allclose(readings.mark, mark_at(time - begin, first_phase(0, 1)))
+    assert np.linalg.norm(np.subtract(readings.tool.position, CENTRE)) < 0.1  # at home it is near the path
+    assert math.hypot(*readings.tool.orientation) == pytest.approx(1.0)
