@@ -3,18 +3,20 @@
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from viser import ViserServer
 
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
+from rkhs_ros.pictures.policy_axes import PolicyAxes
+from rkhs_ros.pictures.policy_figure import draw_attempts, draw_policy
+from rkhs_ros.pictures.style import legend_above, sheet
 from rkhs_ros.rollouts.visualization import BodyTrajectories
-from rkhs_ros.view.board import Choice, Subject, draw
 from rkhs_ros.view.recorded import MODEL_ROLLOUTS, IterationView, Recorded
 from rkhs_ros.view.scenes import appearance_of
-from rkhs_ros.view.stage import Stage
+from rkhs_ros.view.stage import SIZE, Stage
 from rkhs_ros.view.timeline import Timeline
 
 LONGEST_PLAY_S = 8.0  # longer episodes are played faster
@@ -126,9 +128,11 @@ class IterationPanel:
             self._warning = f"The model rollout failed ({error_message(error)}); showing an exploration episode. "
             return None
 
-    def _offer_choices(self, coordinates: PolicyCoordinates, episode: Episodes) -> None:
+    def _offer_choices(self, axes: PolicyAxes, episode: Episodes) -> None:
         """Add the controls for the plot's axes in a closed folder; the most informative axes are preselected."""
-        labels, (across, up) = coordinates.labels, coordinates.most_informative(episode)
+        labels, across, up = axes.labels, 0, min(len(axes.labels) - 1, 1)
+        if len(labels) > 2:
+            (across, up), _ = axes.most_informative(axes.visited(episode)[0])
         lists = (("across", labels, across, 2), ("up", labels, up, 2), ("action", self._names.actions, 0, 1))
         gui, moves = self._server.gui, self._source.task.horizon > 1
         is_choice = moves and any(len(options) > fewest for _, options, _, fewest in lists)
@@ -148,7 +152,8 @@ class IterationPanel:
         if self._stage is None:
             self._names, self._scene = appearance_of(task, spaces, nodes, *numbers)
             self._stage = Stage(self._server, self._scene, has_depth=not isinstance(self._scene, Timeline))
-            self._offer_choices(PolicyCoordinates(view.policy, self._names), episode)
+            self._axes = PolicyAxes.of(view.policy, self._names, episode)
+            self._offer_choices(self._axes, episode)
         self._motion = None
         try:
             self._motion = self._scene.motion(*numbers)
@@ -167,15 +172,20 @@ class IterationPanel:
         recent = [_of_kind(each, EXPLORATION if one_step else kind) for number, each in sorted(iterations.items())]
         before = [each for each in (recent if one_step else recent[:-1]) if each]
         rows = [each.take(slice(i, i + 1)) for each in before for i in range(len(each) if one_step else 1)]
-        coordinates = PolicyCoordinates(iterations[iteration].policy, self._names)
-        across, up, action = (each.value for each in self._choices)
-        choice = Choice(
-            coordinates.labels.index(across), coordinates.labels.index(up), self._names.actions.index(action)
-        )
-        title, task = f"Policy after iteration {iteration}", self._source.task
-        if self._stage is not None and self.episode is not None:
-            subject = Subject(title, coordinates, [*rows, self.episode], self._source.spaces, task.discount)
-            self._stage.set_picture(draw(subject, choice))
+        if self._stage is None or self.episode is None:
+            return
+        source, episodes = self._source, [*rows, self.episode]
+        figure = sheet(*SIZE, f"Policy after iteration {iteration}")
+        plot = figure.subplots()
+        if one_step:
+            points = draw_attempts(plot, Episodes.concatenate(episodes), self.episode, source.spaces, self._names, None)
+        else:
+            axes = replace(self._axes, policy=iterations[iteration].policy)
+            across, up, action = (each.value for each in self._choices)
+            pair = axes.labels.index(across), axes.labels.index(up)
+            points = draw_policy(plot, axes, source.spaces, episodes, pair, self._names.actions.index(action))
+        legend_above(plot)
+        self._stage.set_picture(figure, points)
 
     def _play(self, motion: BodyTrajectories) -> None:
         """Move the slider to the current time of the looping animation."""

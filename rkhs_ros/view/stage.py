@@ -4,15 +4,17 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from viser import SceneApi, ViserServer
 from viser.transforms import SO3
 
+from rkhs_ros.pictures.style import pixels
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.visualization import Body, BodyTrajectories, ShowsBodies
-from rkhs_ros.view.board import SIZE, Board
 from rkhs_ros.view.bodies import Surface
 
+SIZE, DPI = (4.2, 4.9), 180  # of the policy plot, in inches
 VERTICAL_ANGLE = 0.7  # rad, of the camera
 UP = (0.0, 0.0, 1.0)
 ASPECT = 1.0  # of the view until a browser reports its own
@@ -116,14 +118,22 @@ class Stage:
             direction = np.array(UP) + 0.05 * self._eye  # the view of a vertical camera has no upper edge
         return np.asarray(direction / np.linalg.norm(direction))
 
-    def set_picture(self, board: Board) -> None:
-        """Show a policy plot beside or above the task."""
-        self._points = board.points
+    def set_picture(self, figure: Figure, points: Array) -> None:
+        """Show a policy plot beside or above the task.
+
+        Args:
+            figure: figure of size SIZE, whose first axes are the plot.
+            points: position of the marker before each step, in data coordinates of the plot, shape (steps, 2).
+        """
+        figure.set_dpi(DPI)
+        image, axes = pixels(figure), figure.axes[0]
+        ends = np.sort([axes.get_xlim(), axes.get_ylim()])
+        self._points = axes.transData.transform(np.clip(points, *ends.T)) / [image.shape[1], image.shape[0]]
         if self._picture is not None:
-            self._picture.image = board.image
+            self._picture.image = image
             return
         scene, radius = self._server.scene, MARKER * self._width
-        self._picture = self._add_picture("/policy", board.image, (self._width, self._height), self._middle)
+        self._picture = self._add_picture("/policy", image, (self._width, self._height), self._middle)
         self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
 
     def set_backdrop(self, image: NDArray[np.uint8]) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,10 @@ from rkhs_ros.paper.reproduce import Returns, Table, experiment_figure
 from rkhs_ros.pictures.comparison import comparison_figure
 from rkhs_ros.pictures.film import Film, strip_figure
 from rkhs_ros.pictures.known import names_of, success_reward
-from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates
-from rkhs_ros.pictures.policy_figure import CircleAxes, policy_figure
+from rkhs_ros.pictures.policy_axes import PolicyAxes, most_informative, on_slice
+from rkhs_ros.pictures.policy_figure import draw_policy, policy_figure
 from rkhs_ros.pictures.run_pictures import attempts_figure, curve_figure
-from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED
+from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs, Names, input_names
 from rkhs_ros.policies.spaces import Spaces
@@ -35,7 +35,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
-from rkhs_ros.view.board import Choice, Subject, board_figure
+from rkhs_ros.view.stage import SIZE
 from rkhs_ros.view.timeline import Timeline
 from sim_nodes.envs.lever_stafford import Pendulum
 
@@ -212,15 +212,19 @@ def test_a_strip_of_a_film_is_clear(frames: int, shape: tuple[int, int]) -> None
 
 
 @SIZES
-@pytest.mark.parametrize(("d", "n", "rows", "steps"), [(1, 1, 20, 1000), (2, 1, 1, 1), (17, 6, 1, 1)])
+@pytest.mark.parametrize(("d", "n", "rows", "steps"), [(1, 1, 20, 1000), (17, 6, 1, 1)])
 def test_the_policy_on_the_page_is_clear(d: int, n: int, rows: int, steps: int, size: float) -> None:
     made = episodes(rows, steps, d, n, size)
     made = replace(made, observations=size * made.observations)
-    coordinates = PolicyCoordinates(policy(d, n, size=size), long_names(d, n))
     each = [made.take(slice(row, row + 1)) for row in range(rows)]
+    axes = PolicyAxes.of(policy(d, n, size=size), long_names(d, n), made)
     for spaces in (bounded(d, n, size), Spaces.unbounded(d, n)):
-        subject = Subject("Policy after iteration 100000", coordinates, each, spaces, 0.9)
-        assert_clear(board_figure(subject, Choice(0, d - 1, n - 1))[0])
+        figure = sheet(*SIZE, "Policy after iteration 100000")
+        plot = figure.subplots()
+        points = draw_policy(plot, axes, spaces, each, (0, d - 1), n - 1)
+        assert np.array_equal(points[:, 0], made.observations[-1, :, 0])
+        legend_above(plot)
+        assert_clear(figure)
 
 
 @SIZES
@@ -403,7 +407,20 @@ def test_rewards_differ_in_lightness_and_lines_in_colour(eye: str) -> None:
 def test_a_cosine_and_a_sine_are_one_angle() -> None:
     angles, speeds = np.linspace(-3.0, 3.0, 40), np.linspace(-1.0, 2.0, 40)
     points = np.column_stack([2 * np.cos(angles), speeds, 2 * np.sin(angles)])
-    axes = CircleAxes.of(points)
-    assert axes.labels(("cos", "speed", "sin")) == ("angle of (cos, sin) (rad)", "speed")
-    assert np.allclose(axes.angles(points), np.column_stack([angles, speeds]))
-    assert np.allclose(axes.points(axes.angles(points)), points)
+    made = replace(episodes(1, 40, 3, 1), observations=points[None])
+    axes = PolicyAxes.of(policy(3, 1), Names(("cos", "speed", "sin"), ("a",)), made)
+    assert axes.labels == ("angle of (cos, sin) (rad)", "speed")
+    assert np.allclose(axes.visited(made)[0], np.column_stack([angles, speeds]))
+    assert np.allclose(axes.inputs(axes.visited(made)[0]), points)
+
+
+def test_a_slice_of_independent_inputs_explains_the_variance_of_its_inputs() -> None:
+    corners = np.array(list(product([-1.0, 1.0], repeat=3)))
+    pair, explained = most_informative(lambda x: x @ np.array([2.0, 1.0, 3.0]), corners)
+    assert pair == (0, 2)
+    assert explained == pytest.approx(13 / 14)  # the inputs contribute variances 4, 1 and 9
+
+
+def test_a_slice_fixes_the_other_inputs_at_their_medians() -> None:
+    points = np.array([[0.0, 5.0, 1.0], [1.0, 6.0, 2.0], [8.0, 9.0, 9.0]])
+    assert on_slice(points, (2, 0), np.array([[3.0, 4.0]])).tolist() == [[4.0, 6.0, 3.0]]

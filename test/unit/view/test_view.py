@@ -18,7 +18,6 @@ from rkhs_ros.learning.iteration import Row
 from rkhs_ros.pictures.known import names_of, scene_of
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.recordings.container import MessageReader, read_messages
 from rkhs_ros.recordings.recording import FILE, read_recording
@@ -30,8 +29,7 @@ from sim_nodes.envs import TASKS
 
 viser = pytest.importorskip("viser")
 
-from rkhs_ros.pictures.policy_coordinates import PolicyCoordinates  # noqa: E402
-from rkhs_ros.view.board import Choice, Subject, board_figure, draw  # noqa: E402
+from rkhs_ros.pictures.policy_axes import PolicyAxes  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.page import status  # noqa: E402
 from rkhs_ros.view.recorded import (  # noqa: E402
@@ -167,42 +165,15 @@ def test_curves_of_several_runs_are_drawn_over_episodes(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("angles", ["none", (0.0, 2.0)])
-def test_centres_are_converted_back_to_observations(angles: Any, random_policy: Any, rng: Any) -> None:
+def test_centres_are_converted_back_to_observations(
+    angles: Any, random_policy: Any, random_episodes: Any, rng: Any
+) -> None:
     inputs = Inputs(angles=angles)
     policy = random_policy(d=inputs.dimension(3, 2))
     observed = rng.uniform(-3, 3, (5, 3))
     policy = replace(policy, mean=replace(policy.mean, centres=inputs.features(observed)), inputs=inputs)
     names = names_of(SimpleNamespace(environment="?"), 3, 2)
-    assert np.allclose(PolicyCoordinates(policy, names).centres(), observed)
-
-
-def test_the_marker_is_at_the_current_step_on_the_policy_plot(random_policy: Any, random_episodes: Any) -> None:
-    policy = random_policy(d=2, n=1)
-    episodes = random_episodes(policy, n=1)
-    names = names_of(SimpleNamespace(environment="?"), 2, 1)
-    spaces = Spaces((2,), np.array([-1.0]), np.array([1.0]))
-    subject = Subject("", PolicyCoordinates(policy, names), [episodes], spaces, 1.0)
-    board = draw(subject, Choice(0, 1, 0))
-    figure, points = board_figure(subject, Choice(0, 1, 0))
-    assert np.array_equal(points, episodes.observations[0])
-    figure.draw_without_rendering()
-    ((left, bottom), (right, top)), axes = figure.axes[0].get_position().get_points(), figure.axes[0]
-    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
-    parts = (points - low) / (high - low)
-    assert np.allclose(board.points, [left, bottom] + parts * [right - left, top - bottom], atol=1e-3)
-
-
-@pytest.mark.parametrize(("d", "n", "horizon"), [(1, 1, 8), (17, 3, 8), (2, 1, 1)])
-def test_all_dimensions_are_drawn(d: int, n: int, horizon: int, random_policy: Any, random_episodes: Any) -> None:
-    policy = random_policy(d=d, n=n)
-    episodes = random_episodes(policy, n=3, horizon=horizon)
-    coordinates = PolicyCoordinates(policy, names_of(SimpleNamespace(environment="?"), d, n))
-    across, up = coordinates.most_informative(episodes)
-    rows = [episodes.take(slice(i, i + 1)) for i in range(3)]
-    board = draw(Subject("title", coordinates, rows, Spaces.unbounded(d, n), 0.9), Choice(across, up, n - 1))
-    assert board.points.shape == (horizon, 2)
-    assert ((board.points >= 0) & (board.points <= 1)).all()
-    assert len(np.unique(board.image.reshape(-1, 3), axis=0)) > 50
+    assert np.allclose(PolicyAxes.of(policy, names, random_episodes(random_policy(d=3))).centres(), observed)
 
 
 @pytest.mark.parametrize("environment", TASKS)
