@@ -14,7 +14,7 @@ from rkhs_ros.app.robots import check_robot, default_domain, robot_of
 from rkhs_ros.base.endings import FAILED, RESUMABLE
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require, require_extra, require_ros
-from rkhs_ros.policies.onnx_check import TOLERANCE, export_onnx
+from rkhs_ros.policies.onnx_export import TOLERANCE, export_onnx
 from rkhs_ros.policies.policy import load
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.lerobot import export
@@ -133,11 +133,11 @@ def _export(options: argparse.Namespace) -> int:
         return _export_episodes(options)
     require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
     if file.suffix == ".onnx":
-        check = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
+        count, error, seconds = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
         print(f"Exported the policy: {file}")
         print(
-            f"Checked on {check.observations} random observations: relative error {check.error:.1g} "
-            f"(limit {TOLERANCE:g}), {1e6 * check.seconds:.0f} µs per call (median, one thread)"
+            f"Checked on {count} random observations: relative error {error:.1g} "
+            f"(limit {TOLERANCE:g}), {1e6 * seconds:.0f} µs per call (median, one thread)"
         )
         return 0
     require_extra("viser", "view", "export")

@@ -40,7 +40,7 @@ def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
 
 @pytest.mark.usefixtures("without_onnx")
 def test_a_missing_extra_gives_one_line(run: Path, rkhs: Run) -> None:
-    message = "onnx: expected an installed package, got none. Run pip install onnx onnxruntime"
+    message = "export: expected onnx to be installed (pip install onnx, or the extra"
     assert_refused(rkhs("export", run, "policy.onnx"), message)
     assert not Path("policy.onnx").exists()
 

@@ -1,4 +1,4 @@
-"""A policy as an ONNX graph in float64: raw observation in, clipped mean action out.
+"""A policy as an ONNX graph in float64: raw observation in, clipped mean action out; checked before it is written.
 
 A policy with a history or held actions has a second input, ``state``, and a second output, ``next_state``. A state of
 zeros starts an episode. The caller passes each ``next_state`` as the ``state`` of the next step. A row contains
@@ -8,25 +8,31 @@ zeros starts an episode. The caller passes each ``next_state`` as the ``state`` 
 - the newest ``history - 1`` entries of the window, from the oldest on.
 """
 
+from dataclasses import replace
 from functools import singledispatch
+from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.storage import NAMES
-from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, Product, Sum
+from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, Product, Sum, deviations
 
 OPSET, IR_VERSION = 17, 8  # versions of 2022, which ONNX Runtime 1.20 and later support
 STATE = "state"
 Shapes = dict[str, tuple[int, ...]]
 
 
-def missing(package: str) -> ValueError:
-    """Return the error for an extra that is not installed."""
-    return ValueError(f"{package}: expected an installed package, got none. Run pip install onnx onnxruntime")
+TOLERANCE = 1e-6  # of the actions, relative to the greatest one
+COUNT, EPISODES = 10_000, 100  # minimum number of observations of a check; episodes per batch
+CALLS = 1000  # timed calls
+SPREAD = 2.0  # of the observations, in standard deviations of the centres
 
 
 class Graph:
@@ -37,10 +43,9 @@ class Graph:
     """
 
     def __init__(self) -> None:
-        try:
-            import onnx
-        except ImportError as error:
-            raise missing("onnx") from error
+        require_extra("onnx", "export", "export")
+        import onnx
+
         self._onnx = onnx
         self._nodes: list[Any] = []
         self._constants: list[Any] = []
@@ -62,10 +67,6 @@ class Graph:
     def columns(self, value: str, start: int, end: int) -> str:
         """Return the columns from ``start`` up to ``end`` of a matrix."""
         return self.add("Slice", value, np.array([start]), np.array([end]), np.array([1]))
-
-    def concatenated(self, *values: str, name: str = "") -> str:
-        """Return the columns of matrices side by side."""
-        return self.add("Concat", *values, name=name, axis=1)
 
     def model(self, inputs: Shapes, outputs: Shapes, about: dict[str, str]) -> bytes:
         """Return the graph as the content of a file, checked by ONNX.
@@ -136,14 +137,11 @@ def _(kernel: Linear, graph: Graph, points: str, centres: Array) -> str:
     return graph.add("Add", graph.add("MatMul", standardised, ((centres - centre) / scale).T), np.array(1.0))
 
 
-@kernel_values.register
-def _(kernel: Sum, graph: Graph, points: str, centres: Array) -> str:
-    return graph.add("Add", *(kernel_values(part, graph, points, centres) for part in (kernel.left, kernel.right)))
-
-
-@kernel_values.register
-def _(kernel: Product, graph: Graph, points: str, centres: Array) -> str:
-    return graph.add("Mul", *(kernel_values(part, graph, points, centres) for part in (kernel.left, kernel.right)))
+@kernel_values.register(Sum)
+@kernel_values.register(Product)
+def _(kernel: Sum | Product, graph: Graph, points: str, centres: Array) -> str:
+    parts = (kernel_values(part, graph, points, centres) for part in (kernel.left, kernel.right))
+    return graph.add("Add" if isinstance(kernel, Sum) else "Mul", *parts)
 
 
 def state_dim(policy: Policy) -> int:
@@ -162,30 +160,24 @@ def onnx_model(policy: Policy) -> bytes:
     graph, spaces, d = Graph(), policy.spaces, policy.spaces.observation_dim
     inputs: Shapes = {"observation": spaces.observation_shape}
     outputs: Shapes = {"action": spaces.action_low.shape}
-    observed = _angles(graph, policy.gaussian.inputs, _rows(graph, "observation", (d,)), d)
+    observed = _angles(graph, policy.gaussian.inputs, graph.add("Reshape", "observation", np.array([-1, d])), d)
     if size := state_dim(policy):
         inputs[STATE] = outputs[f"next_{STATE}"] = (size,)
         action = _with_state(graph, policy, observed)
     else:
         action = _mean(graph, policy, observed)
     low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
-    _rows(graph, _clipped(graph, action, low, high), spaces.action_low.shape, name="action")
+    shape = np.array([-1, *spaces.action_low.shape])
+    graph.add("Reshape", _clipped(graph, action, low, high), shape, name="action")
     names = {name: ", ".join(getattr(spaces, name)) for name in NAMES if getattr(spaces, name)}
     return graph.model(inputs, outputs, {"environment": policy.task.environment, **names})
 
 
-def _rows(graph: Graph, value: str, shape: tuple[int, ...], name: str = "") -> str:
-    """Reshape each element of a batch; return the name of the value."""
-    return graph.add("Reshape", value, np.array([-1, *shape]), name=name)
-
-
 def _clipped(graph: Graph, action: str, low: Array, high: Array) -> str:
-    """Clip actions to bounds."""
     return graph.add("Min", graph.add("Max", action, low), high)
 
 
 def _entry_dim(policy: Policy) -> int:
-    """Return the number of columns of one entry of the window."""
     return policy.spaces.observation_dim + len(policy.gaussian.inputs.columns) + policy.spaces.action_dim
 
 
@@ -199,7 +191,7 @@ def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
     parts = [graph.add("Sin", turned), graph.add("Sin", quarter)]
     if rest := [column for column in range(count) if column not in inputs.columns]:
         parts.append(graph.add("Gather", observed, np.array(rest), axis=1))
-    return graph.concatenated(*parts)
+    return graph.add("Concat", *parts, axis=1)
 
 
 def _mean(graph: Graph, policy: Policy, window: str) -> str:
@@ -242,13 +234,123 @@ def _with_state(graph: Graph, policy: Policy, observed: str) -> str:
     if history > 1:
         bounds = (policy.gaussian.inputs.action_low, policy.gaussian.inputs.action_high)
         done = _clipped(graph, held, *map(np.array, bounds)) if bounds[0] else held  # zeros in a state of zeros
-        newest = graph.concatenated(observed, done)
+        newest = graph.add("Concat", observed, done, axis=1)
         earlier = graph.columns(STATE, 1 + n, 1 + n + (history - 1) * entry)
         first = graph.add("Tile", newest, np.array([1, history - 1]))
-        window = graph.concatenated(graph.add("Where", begins, first, earlier), newest)
+        window = graph.add("Concat", graph.add("Where", begins, first, earlier), newest, axis=1)
         later = graph.columns(window, entry, history * entry)
         kept.append(graph.add("Where", decides, later, earlier))
     action = graph.add("Where", decides, _mean(graph, policy, window), held)
     counted = graph.add("Where", decides, np.array(1.0), graph.add("Add", steps, np.array(1.0)))
-    graph.concatenated(counted, action, *kept, name=f"next_{STATE}")
+    graph.add("Concat", counted, action, *kept, axis=1, name=f"next_{STATE}")
     return action
+
+
+class OnnxPolicy:
+    """An exported policy on one thread of ONNX Runtime, called like `Policy`.
+
+    Args:
+        content: content of the ONNX file.
+
+    Raises:
+        ValueError: onnxruntime is not installed.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        require_extra("onnxruntime", "export", "export")
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        self._columns = [value.shape[1] for value in self._session.get_inputs() if value.name == STATE]
+        self.reset()
+
+    def reset(self) -> None:
+        """Start a new episode."""
+        self._state: list[Any] = []
+
+    def __call__(self, observations: Array) -> Array:
+        """Return the clipped mean actions, shape (batch, *action_shape).
+
+        Args:
+            observations: finite float64 numbers, shape (batch, *observation_shape).
+        """
+        given = {"observation": observations}
+        if self._columns:
+            given[STATE] = self._state[0] if self._state else np.zeros((len(observations), *self._columns))
+        action, *self._state = self._session.run(None, given)
+        return np.asarray(action)
+
+
+def export_onnx(policy: Policy, file: Path) -> tuple[int, float, float]:
+    """Write a policy to an ONNX file if the graph acts like the policy; return the result of `check_onnx`.
+
+    Raises:
+        ValueError: onnx or onnxruntime is not installed, the kernel has no ONNX implementation, or the check fails.
+        OSError: the file cannot be written.
+    """
+    content = onnx_model(policy)
+    check = check_onnx(policy, content)
+    write_whole(file, content)
+    return check
+
+
+def check_onnx(policy: Policy, content: bytes) -> tuple[int, float, float]:
+    """Compare an exported policy with the original in random episodes.
+
+    The episodes are just long enough to fill the window. In longer ones, rounding errors could grow, because the window
+    feeds actions back. Steps are ignored if the action of the original is not finite.
+
+    Returns:
+        The number of observations; the greatest difference between the actions, relative to the greatest action; and
+        the median duration of a call with one observation on one thread, in seconds.
+
+    Raises:
+        ValueError: onnxruntime is not installed, or the actions differ by more than the tolerance.
+    """
+    low, high = (bound.astype(np.float64) for bound in (policy.spaces.action_low, policy.spaces.action_high))
+    exact = Policy(policy.gaussian, policy.task, replace(policy.spaces, action_low=low, action_high=high))
+    exported, observations = OnnxPolicy(content), random_observations(policy)
+    with np.errstate(over="ignore", invalid="ignore"):
+        expected, got = (np.stack([_acted(each, steps) for steps in observations]) for each in (exact, exported))
+        error = np.abs(got - expected)[finite := np.isfinite(expected)].max(initial=0.0)
+    greatest = np.abs(expected[finite]).max(initial=0.0)
+    relative = float(error / greatest) if greatest else float(error)
+    what = f"the actions of the policy within {TOLERANCE:g}"
+    require(bool(finite.any()) and relative <= TOLERANCE, "policy.onnx", what, f"a difference of {relative:g}")
+    exported.reset()
+    seconds = []
+    for call in range(CALLS):
+        begin = perf_counter()
+        exported(observations[0, call % observations.shape[1], :1])
+        seconds.append(perf_counter() - begin)
+    count = len(observations) * observations.shape[1] * EPISODES
+    return count, relative, float(np.median(seconds))
+
+
+def random_observations(policy: Policy) -> Array:
+    """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, ...).
+
+    Angles are uniformly distributed over a full turn. The other columns are normally distributed: with the mean of the
+    centres' column and ``SPREAD`` times its standard deviation, or, if the inputs are monomials or there are no
+    centres, with mean 0 and standard deviation ``SPREAD``.
+    """
+    rng, spaces, inputs = np.random.default_rng(0), policy.spaces, policy.gaussian.inputs
+    d, centres = spaces.observation_dim, policy.gaussian.mean.centres
+    steps = inputs.history * policy.gaussian.action_repeat + 1
+    shape = (-(-COUNT // (steps * EPISODES)), steps, EPISODES)
+    rest = [column for column in range(d) if column not in inputs.columns]
+    observations = SPREAD * rng.normal(size=(*shape, d))
+    if len(centres) and rest and not inputs.degree:
+        end = centres.shape[1] - (spaces.action_dim if inputs.history > 1 else 0)
+        near = centres[:, end - len(rest) : end]  # of the newest observation
+        observations[..., rest] = near.mean(axis=0) + observations[..., rest] * deviations(near)
+    observations[..., inputs.columns] = rng.uniform(-0.5, 0.5, (*shape, len(inputs.columns))) * inputs.full_turns
+    return observations.reshape(*shape, *spaces.observation_shape)
+
+
+def _acted(acting: Policy | OnnxPolicy, steps: Array) -> Array:
+    """Return the actions in a batch of episodes, shape (steps, EPISODES, *action_shape)."""
+    acting.reset()
+    return np.stack([acting(observations) for observations in steps])
