@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
+
+
+class OtherBatchError(ValueError):
+    """Raised for an observation of another batch or policy; the message names what was expected."""
 
 
 @dataclass(frozen=True)
@@ -25,69 +28,12 @@ class ServedPolicy:
     explores: bool = True
 
 
-class Observation(NamedTuple):
-    """The observations of a batch of episodes before its next step.
+class Place(NamedTuple):
+    """A step of a batch: number of the batch, version of the policy that the batch expects, and step from 0."""
 
-    Attributes:
-        identity: number of the batch.
-        version: version of the policy that the batch expects.
-        step: index of the next step, from 0.
-        batch: the episodes.
-        observations: shape (num_envs, d), in the units of the task.
-        over: whether all episodes are over, so that no action is needed.
-    """
-
-    identity: int
-    version: int
-    step: int
-    batch: Batch
-    observations: Array
-    over: bool = False
-
-
-class Answer(NamedTuple):
-    """The actions of a step.
-
-    Attributes:
-        identity: number of the batch.
-        version: version of the policy that acted.
-        step: index of the step.
-        actions: shape (num_envs, n), in the units of the task.
-    """
-
-    identity: int
-    version: int
-    step: int
-    actions: Array
-
-
-@dataclass(frozen=True)
-class BatchOver:
-    """Reply to the last observation of a batch, which needs no action."""
-
-
-@dataclass(frozen=True)
-class Ignored:
-    """Reply to an observation of another batch or policy; the reason names what was expected."""
-
-    reason: str
-
-
-@dataclass(frozen=True)
-class Failed:
-    """Reply if the policy cannot act on an observation of its batch, with the reason."""
-
-    reason: str
-
-
-Reply = Answer | BatchOver | Ignored | Failed
-
-
-class Serving(NamedTuple):
-    """A batch that is being served: the policy that acts in it, and the last answer."""
-
-    acting: Acting
-    last: Answer
+    batch: int = 0
+    version: int = 0
+    step: int = -1
 
 
 class Session:
@@ -95,64 +41,49 @@ class Session:
 
     The session is idle until the first step of a batch arrives. It then serves the batch that started last. One policy
     serves all steps of a batch, in order.
+
+    Attributes:
+        last: place of the last answer; ``Place()`` while idle.
     """
 
     def __init__(self) -> None:
-        self._serving: Serving | None = None  # idle
+        self.last = Place()
+        self._acting: Acting | None = None  # idle
 
-    @property
-    def last(self) -> Answer | None:
-        """Last answer; None while idle."""
-        return None if self._serving is None else self._serving.last
+    def answer(
+        self, place: Place, batch: Batch, observations: Array, served: ServedPolicy | None, *, over: bool = False
+    ) -> Array | None:
+        """Return the actions of a step, shape (num_envs, n), or None if all episodes of the batch are over.
 
-    def answer(self, observation: Observation, served: ServedPolicy | None) -> Reply:
-        """Return the reply to an observation.
-
-        The session does not change if the observation is ignored, or if the policy fails.
+        An error leaves the session with the batch before.
 
         Args:
-            observation: the observation from the simulator.
+            place: batch and step of the observations.
+            batch: the episodes.
+            observations: shape (num_envs, d), in the units of the task.
             served: the policy for batches that start now; None if there is none yet.
+            over: whether all episodes are over.
+
+        Raises:
+            OtherBatchError: the place is neither the batch that is being served nor the first step of a new one.
+            ValueError: the place or the observations do not fit the batch.
+            RunError: an action is not finite.
         """
-        serving = self._serving
-        try:
-            if observation.step == 0 and served is not None and observation.version == served.version:
-                return self._begin(observation, served)
-            if serving is not None and _names(observation) == _names(serving.last):
-                return self._go_on(observation, serving)
-        except (ValueError, RunError) as error:
-            return Failed(str(error))
-        batch, version = serving.last.identity if serving else 0, served.version if served else 0
-        return Ignored(
-            f"expected batch {batch} or step 0 of a new one, policy version {version}, "
-            f"got batch {observation.identity}, step {observation.step}, policy version {observation.version}"
-        )
-
-    def _begin(self, observation: Observation, served: ServedPolicy) -> Answer:
-        """Start a batch; if the policy fails at its first step, the session stays with the previous batch."""
-        batch = observation.batch
-        acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
-        answer = _act(acting, observation)
-        self._serving = Serving(acting, answer)
-        return answer
-
-    def _go_on(self, observation: Observation, serving: Serving) -> Reply:
-        batch, step, awaited = serving.acting.batch, observation.step, serving.last.step + 1
-        if observation.batch is not batch and observation.batch != batch:
-            raise ValueError(f"batch {observation.identity}: expected {batch}, got {observation.batch}")
-        require(step == awaited, "step", f"{awaited}, the next one", step)
-        if observation.over:
-            return BatchOver()
-        require(step < batch.horizon, "step", f"less than {batch.horizon} unless all episodes are over", step)
-        answer = _act(serving.acting, observation)
-        self._serving = Serving(serving.acting, answer)
-        return answer
-
-
-def _names(value: Observation | Answer) -> tuple[int, int]:
-    return value.identity, value.version
-
-
-def _act(acting: Acting, observation: Observation) -> Answer:
-    actions = acting(observation.step, observation.observations)
-    return Answer(observation.identity, observation.version, observation.step, actions)
+        last, acting, version = self.last, self._acting, served.version if served else 0
+        if place.step == 0 and served is not None and place.version == version:
+            acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
+        elif acting is not None and place[:2] == last[:2]:
+            require(batch == acting.batch, f"batch {place.batch}", f"{acting.batch}", batch)
+            require(place.step == last.step + 1, "step", f"{last.step + 1}, the next one", place.step)
+            if over:
+                return None
+            expected = f"less than {batch.horizon} unless all episodes are over"
+            require(place.step < batch.horizon, "step", expected, place.step)
+        else:
+            raise OtherBatchError(
+                f"expected batch {last.batch} or step 0 of a new one, policy version {version}, "
+                f"got batch {place.batch}, step {place.step}, policy version {place.version}"
+            )
+        actions = acting(place.step, observations)
+        self.last, self._acting = place, acting
+        return actions

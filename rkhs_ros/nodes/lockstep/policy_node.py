@@ -7,12 +7,13 @@ from pathlib import Path
 from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, observations_of
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import doubles, policy_of
-from rkhs_ros.policies.serving import Answer, Failed, Ignored, Observation, Reply, ServedPolicy, Session
+from rkhs_ros.policies.serving import OtherBatchError, Place, ServedPolicy, Session
 from rkhs_ros.policies.storage import load_policy
 
 
@@ -40,29 +41,24 @@ class PolicyNode(ReportingNode):
 
     def _observe(self, message: ObservationMessage) -> None:
         place = {"batch": message.batch, "policy_version": message.policy_version, "step": message.step}
-        match self._reply(message):
-            case Answer() as answer:
-                self._actions.publish(Action(stamp=message.stamp, actions=doubles(answer.actions), **place))
-                self.diagnostics.stuck = ""
-                self.diagnostics.steps += 1
-            case Ignored(reason):
-                self.diagnostics.skip(f"observation: {reason}")
-            case Failed(reason):
-                self.diagnostics.stuck = reason
-                self._actions.publish(Action(failure=f"the policy cannot act: {reason}", **place))
-
-    def _reply(self, message: ObservationMessage) -> Reply:
         try:
             batch = batch_of(message)
             observations = observations_of(message, batch)
-        except ValueError as error:
-            return Failed(str(error))
-        numbers = message.batch, message.policy_version, message.step
-        return self._session.answer(Observation(*numbers, batch, observations, message.over), self._served)
+            actions = self._session.answer(Place(*place.values()), batch, observations, self._served, over=message.over)
+        except OtherBatchError as error:
+            self.diagnostics.skip(f"observation: {error}")
+        except (ValueError, RunError) as error:
+            self.diagnostics.stuck = str(error)
+            self._actions.publish(Action(failure=f"the policy cannot act: {error}", **place))
+        else:
+            if actions is not None:
+                self._actions.publish(Action(stamp=message.stamp, actions=doubles(actions), **place))
+                self.diagnostics.stuck = ""
+                self.diagnostics.steps += 1
 
     def _report(self) -> dict[str, object]:
         last, version = self._session.last, self._served.version if self._served else 0
-        return {"serving version": version, "batch": last.identity if last else 0, "step": last.step if last else "-"}
+        return {"serving version": version, "batch": last.batch, "step": last.step if last.step >= 0 else "-"}
 
     def _from_file(self, tree: dict[str, object]) -> ServedPolicy | None:
         about = "policy.npz to serve, without exploration noise; empty to wait for a learner's policy"

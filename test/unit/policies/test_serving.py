@@ -8,9 +8,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, precondition, rule
 
+from rkhs_ros.base.endings import RunError
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.serving import Answer, BatchOver, Failed, Ignored, Observation, Reply, ServedPolicy, Session
+from rkhs_ros.policies.serving import OtherBatchError, Place, ServedPolicy, Session
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
@@ -27,23 +28,21 @@ def policy(seed: int, history: int = 1) -> GaussianPolicy:
     )
 
 
-def shown(identity: int, version: int, step: int, batch: Batch) -> Observation:
-    """Return the observation of a step, the same each time; every other batch ends early."""
-    observed = np.random.default_rng([identity, step]).normal(size=(batch.num_envs, COLUMNS))
-    over = step >= max(1, batch.horizon - identity % 2)
-    return Observation(identity, version, step, batch, observed, over)
+def shown(batch: Batch, number: int, step: int, columns: int = COLUMNS) -> np.ndarray:
+    """Return the observations of a step, the same each time."""
+    return np.random.default_rng([number, step]).normal(size=(batch.num_envs, columns))
 
 
-def acted(served: ServedPolicy, identity: int, batch: Batch, step: int) -> np.ndarray:
+def acted(served: ServedPolicy, number: int, batch: Batch, step: int) -> np.ndarray:
     """Return the actions of a policy that runs all steps of a batch in order."""
     acting = Acting(served.policy, batch, explore=batch.explore and served.explores)
-    return [acting(k, shown(identity, 0, k, batch).observations) for k in range(step + 1)][-1]
+    return [acting(k, shown(batch, number, k)) for k in range(step + 1)][-1]
 
 
 class AnyOrder(RuleBasedStateMachine):
     """A simulator that sends arbitrary observations and a learner that changes the policy at any time."""
 
-    observations = Bundle("observations")
+    places = Bundle("places")
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,70 +56,62 @@ class AnyOrder(RuleBasedStateMachine):
         version = len(self.policies)
         self.served = self.policies[version] = ServedPolicy(policy(seed, history), version, explores)
 
-    @rule(target=observations, rows=st.integers(1, 3), horizon=st.integers(1, 6), explore=st.booleans())
-    def show_a_new_batch(self, rows: int, horizon: int, explore: bool) -> Observation:
-        return self.show(self.new(Batch(7, 3, rows, horizon, explore), self.served.version, 0))
+    @rule(target=places, rows=st.integers(1, 3), horizon=st.integers(1, 6), explore=st.booleans())
+    def show_a_new_batch(self, rows: int, horizon: int, explore: bool) -> Place:
+        return self.new(Batch(7, 3, rows, horizon, explore), self.served.version, 0)
 
-    @rule(target=observations, version=st.integers(0, 5), step=st.integers(0, 2))
-    def show_a_new_batch_of_another_policy_or_from_its_middle(self, version: int, step: int) -> Observation:
-        return self.show(self.new(Batch(7, 3, 2, 4, explore=True), version, step))
+    @rule(target=places, version=st.integers(0, 5), step=st.integers(0, 2))
+    def show_a_new_batch_of_another_policy_or_from_its_middle(self, version: int, step: int) -> Place:
+        return self.new(Batch(7, 3, 2, 4, explore=True), version, step)
 
-    @precondition(lambda self: self.session.last is not None)
-    @rule(target=observations, ahead=st.sampled_from([1, 1, 1, 2, 0, -1]))
-    def show_the_batch_under_way(self, ahead: int) -> Observation:
+    def new(self, batch: Batch, version: int, step: int) -> Place:
+        number = len(self.batches) + 1
+        self.batches[number] = batch
+        return self.show(Place(number, version, step))
+
+    @precondition(lambda self: self.session.last != Place())
+    @rule(target=places, ahead=st.sampled_from([1, 1, 1, 2, 0, -1]))
+    def show_the_batch_under_way(self, ahead: int) -> Place:
         last = self.session.last
-        batch = self.batches[last.identity]
-        return self.show(shown(last.identity, last.version, min(max(last.step + ahead, 1), batch.horizon), batch))
+        horizon = self.batches[last.batch].horizon
+        return self.show(last._replace(step=min(max(last.step + ahead, 1), horizon)))
 
-    def new(self, batch: Batch, version: int, step: int) -> Observation:
-        identity = len(self.batches) + 1
-        self.batches[identity] = batch
-        return shown(identity, version, step, batch)
+    @rule(place=places)
+    def show_again(self, place: Place) -> None:
+        self.show(place)
 
-    @rule(observation=observations)
-    def show_again(self, observation: Observation) -> None:
-        self.show(observation)
-
-    @rule(observation=observations, name=st.sampled_from(["version", "batch", "columns"]))
-    def show_something_else(self, observation: Observation, name: str) -> None:
-        other: dict[str, object] = {
-            "version": 99,
-            "batch": replace(observation.batch, seed=8),
-            "columns": np.ones((observation.batch.num_envs, COLUMNS + 1)),
-        }
-        if name == "batch" and observation.step == 0:
-            return  # any first step may start a batch
-        if name == "columns" and observation.over:
-            return  # not used
-        field = "observations" if name == "columns" else name
-        before = self.session.last
-        reply = self.session.answer(observation._replace(**{field: other[name]}), self.served)
-        assert isinstance(reply, Ignored | Failed)
+    @rule(place=places, name=st.sampled_from(["version", "batch", "columns"]))
+    def show_something_else(self, place: Place, name: str) -> None:
+        batch = self.batches[place.batch]
+        if (name == "batch" and place.step == 0) or (name == "columns" and self.is_over(place)):
+            return  # any first step may start a batch; the columns are not used at the end
+        before, observed = self.session.last, shown(batch, place.batch, place.step, COLUMNS + (name == "columns"))
+        wrong = place._replace(version=99) if name == "version" else place
+        batch = replace(batch, seed=8) if name == "batch" else batch
+        with pytest.raises(ValueError, match="expected"):
+            self.session.answer(wrong, batch, observed, self.served, over=self.is_over(place))
         assert self.session.last is before
 
-    def show(self, observation: Observation) -> Observation:
-        identity, step = observation.identity, observation.step
-        before, reply = self.session.last, self.session.answer(observation, self.served)
-        if step == 0 and observation.version == self.served.version:
-            assert isinstance(reply, Answer)
-        elif before is None or (identity, observation.version) != (before.identity, before.version):
-            assert isinstance(reply, Ignored)
-        elif step != before.step + 1:
-            assert isinstance(reply, Failed)
-        else:
-            assert isinstance(reply, BatchOver if observation.over else Answer)
-        self.check(observation, reply, before)
-        return observation
+    def is_over(self, place: Place) -> bool:
+        """Return whether all episodes are over before a step; every other batch ends early."""
+        return place.step >= max(1, self.batches[place.batch].horizon - place.batch % 2)
 
-    def check(self, observation: Observation, reply: Reply, before: Answer | None) -> None:
-        if not isinstance(reply, Answer):
+    def show(self, place: Place) -> Place:
+        before, batch, over = self.session.last, self.batches[place.batch], self.is_over(place)
+        observed, is_first = shown(batch, place.batch, place.step), place.step == 0
+        starts, goes_on = is_first and place.version == self.served.version, place[:2] == before[:2]
+        if not starts and (not goes_on or place.step != before.step + 1):
+            with pytest.raises(ValueError, match="expected") as refused:
+                self.session.answer(place, batch, observed, self.served, over=over)
+            assert isinstance(refused.value, OtherBatchError) is not goes_on
             assert self.session.last is before
-            return
-        identity, step = observation.identity, observation.step
-        assert (reply.identity, reply.step, reply.version) == (identity, step, observation.version)
-        assert reply is self.session.last
-        served = self.policies[reply.version]
-        np.testing.assert_array_equal(reply.actions, acted(served, identity, observation.batch, step))
+            return place
+        actions = self.session.answer(place, batch, observed, self.served, over=over)
+        assert (actions is None) == over
+        assert self.session.last is (before if over else place)
+        if actions is not None:
+            np.testing.assert_array_equal(actions, acted(self.policies[place.version], place.batch, batch, place.step))
+        return place
 
 
 AnyOrder.TestCase.settings = settings(max_examples=30, stateful_step_count=40)
@@ -132,31 +123,26 @@ SERVED = ServedPolicy(policy(0), version=1)
 
 def test_an_idle_session_reports_what_it_expects() -> None:
     session = Session()
-    reply = session.answer(shown(3, 1, 0, BATCH), None)
     expected = "expected batch 0 or step 0 of a new one, policy version 0, got batch 3, step 0, policy version 1"
-    assert (reply, session.last) == (Ignored(expected), None)
+    with pytest.raises(OtherBatchError, match=expected):
+        session.answer(Place(3, 1, 0), BATCH, shown(BATCH, 3, 0), None)
+    assert session.last == Place()
 
 
 @pytest.mark.parametrize("explores", [True, False])
 def test_a_policy_without_exploration_uses_its_mean(explores: bool) -> None:
-    first = shown(1, 1, 0, BATCH)
-    reply = Session().answer(first, replace(SERVED, explores=explores))
-    assert isinstance(reply, Answer)
-    assert np.array_equal(reply.actions, SERVED.policy.mean(first.observations)) is not explores
+    first = shown(BATCH, 1, 0)
+    actions = Session().answer(Place(1, 1, 0), BATCH, first, replace(SERVED, explores=explores))
+    assert np.array_equal(actions, SERVED.policy.mean(first)) is not explores
 
 
 def test_a_failing_start_keeps_the_previous_batch_running() -> None:
-    session = Session()
-    session.answer(shown(1, 1, 0, BATCH), SERVED)
-    with np.errstate(over="ignore", invalid="ignore"):
-        loud = replace(SERVED.policy.mean, weights=np.full((4, 1), 1e308))
-        misfits = (policy(1, history=2), SERVED.policy.with_mean(loud))
-        observed = np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
-        for identity, misfit in enumerate(misfits, start=2):
-            observation = shown(identity, 2, 0, BATCH)._replace(
-                observations=observed[:, : 1 if identity == 2 else None]
-            )
-            assert isinstance(session.answer(observation, ServedPolicy(misfit, 2)), Failed)
-    reply = session.answer(shown(1, 1, 1, BATCH), ServedPolicy(misfits[0], 2))
-    assert isinstance(reply, Answer)
-    np.testing.assert_array_equal(reply.actions, acted(SERVED, 1, BATCH, 1))
+    session, observed = Session(), np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
+    session.answer(Place(1, 1, 0), BATCH, shown(BATCH, 1, 0), SERVED)
+    loud = SERVED.policy.with_mean(replace(SERVED.policy.mean, weights=np.full((4, 1), 1e308)))
+    with pytest.raises(ValueError, match="points: expected"):
+        session.answer(Place(2, 2, 0), BATCH, observed[:, :1], ServedPolicy(policy(1, history=2), 2))
+    with pytest.raises(RunError, match="expected finite numbers"):
+        session.answer(Place(3, 2, 0), BATCH, observed, ServedPolicy(loud, 2))
+    actions = session.answer(Place(1, 1, 1), BATCH, shown(BATCH, 1, 1), ServedPolicy(loud, 2))
+    np.testing.assert_array_equal(actions, acted(SERVED, 1, BATCH, 1))
