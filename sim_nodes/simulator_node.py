@@ -17,7 +17,7 @@ from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
 from rkhs_ros.nodes.core.parameters import declare, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.policies.messages import matrix
+from rkhs_ros.policies.messages import shaped
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.inline_runner import EpisodeRecorder
@@ -125,7 +125,7 @@ class SimulatorNode(ReportingNode):
         try:
             if message.failure:
                 raise RunError(f"{self._simulation.environment}: {truncated(message.failure)}")
-            actions = matrix(message.actions, batch.num_envs, self._simulation.spaces.action_dim, "actions")
+            actions = shaped(message.actions, (batch.num_envs, self._simulation.spaces.action_dim), "actions")
             frame = self._simulation.step(actions)
         except (ValueError, RunError) as error:
             self._fail(str(error))

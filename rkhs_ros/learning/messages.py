@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes, Execution
-from rkhs_ros.policies.messages import doubles, matrix, shaped
+from rkhs_ros.policies.messages import doubles, shaped
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 
@@ -100,7 +100,7 @@ def _execution_of(message: Any) -> Execution:
     columns = size // steps if steps else 0
     return Execution(
         stamps=np.array(message.stamps, dtype=np.int64),
-        executed=matrix(message.executed, steps, columns, "executed commands"),
+        executed=shaped(message.executed, (steps, columns), "executed commands"),
         flags=np.array(message.flags, dtype=np.uint32),
         discard_reason=message.discard_reason,
     )

@@ -20,28 +20,22 @@ from rkhs_ros.base.validation import require, require_finite
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
+from rkhs_ros.policies.variance import ConstantVariance, Variance, parts_of, variance_from
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
 
 MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # largest dimensions of a policy
 FLOATS = ("float32", "float64")  # types of actions
-# Fields that each kind of variance does not use.
-UNUSED = {"constant": ("kernel", "centres", "mass", "minimum", "maximum"), "kernel": (), "function": ("mass",)}
+PARTS = {  # of each kind of variance, see `parts_of`
+    "constant": ("values",),
+    "kernel": ("values", "centres", "mass", "minimum", "maximum"),
+    "function": ("values", "centres", "minimum", "maximum"),
+}
 
 
 def doubles(values: NDArray[Any]) -> array[float]:
     """Return the values in the type that a float64[] field accepts fastest."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
-
-
-def matrix(values: Any, rows: int, columns: int, what: str) -> Array:
-    """Copy a float64[] field into a read-only matrix of finite numbers.
-
-    Raises:
-        ValueError: the number of values is wrong, or a value is not finite.
-    """
-    return shaped(values, (rows, columns), what)
 
 
 def shaped(values: Any, shape: tuple[int, ...], what: str) -> Array:
@@ -143,14 +137,15 @@ def policy_of(message: Any) -> GaussianPolicy:
     require(len(message.centres) % d == 0, "centres", f"rows of {d} numbers", f"{len(message.centres)} numbers")
     m = len(message.centres) // d
     kernel = _kernel(message.kernel, d)
-    centres, weights = matrix(message.centres, m, d, "centres"), matrix(message.weights, m, n, "weights")
+    centres, weights = shaped(message.centres, (m, d), "centres"), shaped(message.weights, (m, n), "weights")
     mean = Function(kernel, centres, weights, tuple(message.bias))
     variance, inputs = _variance_of(message.variance, d, n), _inputs_of(message.inputs, d)
     return GaussianPolicy(mean, variance, inputs, message.noise, int(message.action_repeat))
 
 
-def _terms(types: Any, kernel: Kernel) -> list[Any]:
-    return [types.KernelTerm(name=t.name, parameters=doubles(np.array(t.parameters))) for t in kernel.terms()]
+def _terms(types: Any, kernel: Kernel | None) -> list[Any]:
+    terms = kernel.terms() if kernel else ()
+    return [types.KernelTerm(name=t.name, parameters=doubles(np.array(t.parameters))) for t in terms]
 
 
 def _kernel(terms: Iterable[Any], d: int) -> Kernel:
@@ -175,28 +170,16 @@ def _inputs_of(message: Any, d: int) -> Inputs:
 
 
 def _variance_fields(types: Any, variance: Variance) -> Mapping[str, Any]:
-    if isinstance(variance, ConstantVariance):
-        return {"name": "constant", "values": doubles(variance.values)}
-    bounds = {"minimum": doubles(variance.minimum), "maximum": doubles(variance.maximum)}
-    if isinstance(variance, FunctionVariance):
-        g = variance.function
-        numbers = {"values": doubles(g.weights), "centres": doubles(g.centres)}
-        return {"name": "function", "kernel": _terms(types, g.kernel), **numbers, **bounds}
-    numbers = {name: doubles(getattr(variance, name)) for name in ("values", "centres", "mass")}
-    return {"name": "kernel", "kernel": _terms(types, variance.kernel), **numbers, **bounds}
+    kernel, parts = parts_of(variance)
+    name = next(name for name, used in PARTS.items() if parts.keys() == set(used))
+    return {"name": name, "kernel": _terms(types, kernel), **{part: doubles(parts[part]) for part in parts}}
 
 
 def _variance_of(message: Any, d: int, n: int) -> Variance:
-    require(message.name in UNUSED, "variance", f"one of {', '.join(UNUSED)}", f"'{message.name}'")
-    for name in UNUSED[message.name]:
-        size = len(getattr(message, name))
-        require(size == 0, f"variance {name}", f"none for a '{message.name}' variance", f"{size} entries")
+    require(message.name in PARTS, "variance", f"one of {', '.join(PARTS)}", f"'{message.name}'")
     if message.name == "constant":
-        return ConstantVariance(matrix(message.values, 1, n, "variance values")[0])
+        return ConstantVariance(shaped(message.values, (n,), "variance values"))
     m = len(message.centres) // d
-    kernel = _kernel(message.kernel, d)
-    centres, values = matrix(message.centres, m, d, "variance centres"), matrix(message.values, m, n, "variance values")
-    bounds = [matrix(getattr(message, name), 1, n, f"variance {name}")[0] for name in ("minimum", "maximum")]
-    if message.name == "function":
-        return FunctionVariance(Function(kernel, centres, values), *bounds)
-    return KernelVariance(kernel, centres, matrix(message.mass, m, 1, "variance mass")[:, 0], values, *bounds)
+    shapes = {"values": (m, n), "centres": (m, d), "mass": (m,), "minimum": (n,), "maximum": (n,)}
+    parts = {part: shaped(getattr(message, part), shapes[part], f"variance {part}") for part in PARTS[message.name]}
+    return variance_from(_kernel(message.kernel, d), parts)

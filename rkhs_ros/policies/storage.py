@@ -17,12 +17,14 @@ from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance, Variance
+from rkhs_ros.policies.variance import parts_of, variance_from
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 3
 NAMES = ("observation_names", "action_names")  # optional arrays of a file
+# Parts of the variance by their names in a file.
+VARIANCE = {"values": "variance"} | {part: f"variance_{part}" for part in ("centres", "mass", "minimum", "maximum")}
 Arrays = dict[str, np.ndarray]
 
 
@@ -151,12 +153,14 @@ def whole_numbers(values: np.ndarray, what: str) -> list[int]:
 
 def policy_arrays(policy: GaussianPolicy) -> Arrays:
     """Return the arrays that represent a policy, by name."""
+    kernel, parts = parts_of(policy.variance)
     return {
         **_kernel_arrays("kernel", policy.mean.kernel),
         "centres": policy.mean.centres,
         "weights": policy.mean.weights,
         "bias": np.array(policy.mean.bias),
-        **_variance_arrays(policy.variance),
+        **{name: parts[part] for part, name in VARIANCE.items() if part in parts},
+        **(_kernel_arrays("variance_kernel", kernel) if kernel else {}),
         "inputs": np.array(json.dumps({entry.name: entry.value for entry in entries(policy.inputs)})),
         "window_bounds": np.array([policy.inputs.action_low, policy.inputs.action_high]),
         "noise": np.array(policy.noise),
@@ -175,7 +179,9 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
     low, high = (tuple(bound.tolist()) for bound in arrays["window_bounds"])
     inputs = replace(build(Inputs, json.loads(str(arrays["inputs"])), "inputs."), action_low=low, action_high=high)
     (action_repeat,) = whole_numbers(arrays["action_repeat"].reshape(1), "action_repeat")
-    return GaussianPolicy(mean, _variance(arrays), inputs, str(arrays["noise"]), action_repeat)
+    kernel = _kernel(arrays, "variance_kernel") if "variance_kernel" in arrays else None
+    variance = variance_from(kernel, {part: arrays[name] for part, name in VARIANCE.items() if name in arrays})
+    return GaussianPolicy(mean, variance, inputs, str(arrays["noise"]), action_repeat)
 
 
 def _kernel_arrays(prefix: str, kernel: Kernel) -> Arrays:
@@ -192,36 +198,3 @@ def _kernel(arrays: Arrays, prefix: str) -> Kernel:
     flat = finite_array(arrays[f"{prefix}_parameters"], (int(ends[-1]),), f"{prefix}_parameters")
     parameters = [tuple(flat[a:b]) for a, b in pairwise(ends)]
     return kernel_from_terms(Term(str(n), p) for n, p in zip(arrays[prefix], parameters, strict=True))
-
-
-def _variance_arrays(variance: Variance) -> Arrays:
-    if isinstance(variance, ConstantVariance):
-        return {"variance": variance.values}
-    if isinstance(variance, FunctionVariance):
-        function, mass = variance.function, {}
-        kernel, centres, values = function.kernel, function.centres, function.weights
-    else:
-        kernel, centres, values, mass = (
-            variance.kernel,
-            variance.centres,
-            variance.values,
-            {"variance_mass": variance.mass},
-        )
-    return {
-        "variance": values,
-        **_kernel_arrays("variance_kernel", kernel),
-        "variance_centres": centres,
-        **mass,
-        "variance_minimum": variance.minimum,
-        "variance_maximum": variance.maximum,
-    }
-
-
-def _variance(arrays: Arrays) -> Variance:
-    if "variance_kernel" not in arrays:
-        return ConstantVariance(arrays["variance"])
-    kernel, centres, values = _kernel(arrays, "variance_kernel"), arrays["variance_centres"], arrays["variance"]
-    bounds = (arrays["variance_minimum"], arrays["variance_maximum"])
-    if "variance_mass" not in arrays:
-        return FunctionVariance(Function(kernel, centres, values), *bounds)
-    return KernelVariance(kernel, centres, arrays["variance_mass"], values, *bounds)

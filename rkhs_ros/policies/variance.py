@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -154,6 +155,33 @@ class FunctionVariance:
 
 
 Variance = ConstantVariance | KernelVariance | FunctionVariance
+
+
+def parts_of(variance: Variance) -> tuple[Kernel | None, dict[str, Array]]:
+    """Return the kernel of a variance, None if it is constant, and its arrays by name, for files and messages."""
+    if isinstance(variance, ConstantVariance):
+        return None, {"values": variance.values}
+    if isinstance(variance, FunctionVariance):
+        g = variance.function
+        kernel, parts = g.kernel, {"values": g.weights, "centres": g.centres}
+    else:
+        kernel, parts = variance.kernel, {name: getattr(variance, name) for name in ("values", "centres", "mass")}
+    return kernel, parts | {"minimum": variance.minimum, "maximum": variance.maximum}
+
+
+def variance_from(kernel: Kernel | None, parts: Mapping[str, Array]) -> Variance:
+    """Return the variance with these parts, see `parts_of`.
+
+    Raises:
+        KeyError: a part is missing.
+        ValueError: the parts do not form a valid variance.
+    """
+    if kernel is None:
+        return ConstantVariance(parts["values"])
+    centres, values, *bounds = (parts[name] for name in ("centres", "values", "minimum", "maximum"))
+    if "mass" not in parts:
+        return FunctionVariance(Function(kernel, centres, values), *bounds)
+    return KernelVariance(kernel, centres, parts["mass"], values, *bounds)
 
 
 def _set_bounds(variance: KernelVariance | FunctionVariance, n: int) -> None:

@@ -14,7 +14,7 @@ from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.robot.gate_link import GateLink
 from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
-from rkhs_ros.policies.messages import doubles, matrix
+from rkhs_ros.policies.messages import doubles, shaped
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
@@ -229,7 +229,7 @@ class EpisodeDriver:
             self._fault = truncated(message.failure)
             return
         try:
-            action = matrix(message.actions, 1, self._task.action.dimension, "actions")[0]
+            action = shaped(message.actions, (self._task.action.dimension,), "actions")
             require(message.step < episode.batch.horizon, "step", f"less than {episode.batch.horizon}", message.step)
         except ValueError as error:
             self._node.diagnostics.refuse(f"action: {error}")

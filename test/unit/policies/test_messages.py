@@ -53,7 +53,6 @@ def test_non_finite_episodes_are_rejected(episodes: Episodes, name: str) -> None
         (lambda p: setattr(p, "centres", p.centres[:-1]), "centres: expected rows of 2 numbers, got 9 numbers"),
         (lambda p: p.weights.__setitem__(-1, np.nan), "weights: expected finite numbers"),
         (lambda p: setattr(p.variance, "name", "constnt"), "variance: expected one of constant, kernel, function"),
-        (lambda p: setattr(p.variance, "mass", [1.0]), "variance mass: expected none"),
         (lambda p: setattr(p.inputs, "turns", [360.0]), "inputs.turns: expected 0 numbers, one per angle, or none"),
     ],
 )
