@@ -43,7 +43,6 @@ MODULES = {
     "drawing_learner": "rkhs_ros.app.learner",  # as `ros2 run` and the launch files start it
     "rkhs": "rkhs_ros.app.cli",
     "sender": "test.ros.gate_sender",
-    "stopper": "test.ros.gate_stopper",
     "failing_gate": "test.ros.failing_gate",
 }
 TYPES = {"observation": Observation, "action": Action, "episodes": Episodes}

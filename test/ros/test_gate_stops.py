@@ -135,7 +135,7 @@ def test_a_dead_publisher_neither_clears_its_stop_nor_blocks_the_robot(
 ) -> None:
     robot = begin(CALM)
     assert robot.arm() == "holding"
-    button = start("stopper")
+    button = start("sender", "stop")
     robot.until("stopped")
     robot.probe.until(lambda: robot.arm().endswith("by /stopper"))
     kill(button.popen.pid)

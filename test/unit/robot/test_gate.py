@@ -237,33 +237,6 @@ def test_the_report_flags_the_limit_that_changed_a_command(kind: str, limit: str
     np.testing.assert_allclose(bound.outputs[-1], second.executed)  # as the report predicted
 
 
-@pytest.mark.parametrize(
-    ("kind", "limit"),
-    [
-        (POSITION, "velocity"),
-        (POSITION, "acceleration"),
-        (POSITION, "step"),
-        (VELOCITY, "velocity"),
-        (VELOCITY, "acceleration"),
-        (VELOCITY, "step"),
-        (VELOCITY, "maximum"),
-        (EFFORT, "velocity"),
-        (EFFORT, "step"),
-        (EFFORT, "maximum"),
-    ],
-)
-def test_a_limit_of_zero_is_a_limit(kind: str, limit: str) -> None:
-    world = armed_world(kind, **{limit: [0.0, LIMIT_OF_OTHER[limit]]})
-    for _ in range(20):
-        world.command([0.5, 0.5])
-        world.wait(0.05)
-    assert not np.array(world.outputs)[:, 0].any()
-    assert np.array(world.outputs)[:, 1].max() > 0.4
-
-
-LIMIT_OF_OTHER = {"velocity": 10.0, "acceleration": 10.0, "step": 1.0, "maximum": 1.0}
-
-
 @over_kinds
 @pytest.mark.parametrize("moment", ["at rest", "in motion", "at a turning point"])
 def test_a_gate_that_exits_leaves_the_robot_at_rest(kind: str, moment: str) -> None:

@@ -86,21 +86,6 @@ def test_the_protection_detects_each_exceeded_limit(kind: str, limit: str, jump:
 
 
 @over_kinds
-@settings(max_examples=20)
-@given(values=st.lists(st.tuples(st.floats() | st.sampled_from(NASTY), st.integers(0, 4)), max_size=40))
-def test_outputs_are_finite_and_within_limits_for_any_numbers(kind: str, values: list[tuple[float, int]]) -> None:
-    world = World(rules_of(kind, joints=1, step=0.3))
-    assert world.arm() == ""
-    for value, ticks in values:
-        report = world.command([value])
-        assert np.isfinite(report.executed).all()
-        world.wait(ticks * PERIOD)
-    world.wait(0.5)
-    assert np.isfinite(world.outputs).all()
-    assert not world.protection.trips
-
-
-@over_kinds
 @settings(max_examples=10)
 @given(seed=seeds)
 def test_a_disarmed_gate_sends_nothing(kind: str, seed: int) -> None:
