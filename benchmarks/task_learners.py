@@ -26,7 +26,7 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Linear
-from rkhs_ros.runs.provenance import LIBRARIES
+from rkhs_ros.runs.report import LIBRARIES
 from trial import Meter, MeteredRunner, Point, Trial
 
 FIRST_SD = 0.5  # initial standard deviation of the weights in CMA-ES

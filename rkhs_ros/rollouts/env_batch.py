@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import Env, Space
@@ -41,43 +41,12 @@ class Step(NamedTuple):
     truncated: Flags
 
 
-class EnvBatch(Protocol):
-    """Batch of equal environments.
-
-    Attributes:
-        observed: original observation space of one environment.
-        observation_space: observation space of one environment, flattened if it is a dictionary or tuple.
-        action_space: action space of one environment.
-        shown: the first environment, or the vector environment, for viewers.
-        current: index of the environment that is being reset or stepped; None if all are stepped together.
-    """
-
-    observed: Space[Any]
-    observation_space: Space[Any]
-    action_space: Space[Any]
-    current: int | None
-
-    @property
-    def shown(self) -> AnyEnv | AnyVectorEnv: ...  # noqa: D102
-
-    def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run in one batch."""
-
-    def reset(self, seeds: list[int], horizon: int) -> Array:
-        """Reset one environment per seed; return the observations, shape (num_envs, d)."""
-
-    def step(self, actions: NDArray[Any], active: Flags) -> Step:
-        """Step with actions of shape ``(num_envs, *shape)``; the result of an inactive environment is undefined."""
-
-    def close(self) -> None:
-        """Close the environments."""
-
-
 class SeparateEnvs:
     """Copies of an ordinary environment; only active ones are stepped.
 
     Owns the copies, which are created when needed. If no further copy can be created, for example of hardware, the
-    batches become smaller.
+    batches become smaller. ``observed`` is the original observation space of one environment, ``observation_space`` the
+    flattened one, and ``current`` the index of the environment that is being reset or stepped.
 
     Args:
         make: function that creates a copy.
@@ -241,6 +210,9 @@ class VectorEnvBatch:
             self.observed = made.single_observation_space
             self._vectors[key] = _flat_vector(made)
         return self._vectors[key]
+
+
+EnvBatch = SeparateEnvs | VectorEnvBatch
 
 
 def _reset(env: AnyEnv, seed: int) -> Any:

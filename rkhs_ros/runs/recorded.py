@@ -25,8 +25,7 @@ from rkhs_ros.recordings.recorder import Recorder, read_held
 from rkhs_ros.recordings.recording import FILE, Head
 from rkhs_ros.runs.checkpoint import FREE, Checkpoint
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.provenance import provenance_lines
-from rkhs_ros.runs.report import resolved
+from rkhs_ros.runs.report import provenance_lines, resolved
 
 
 class RecordableRunner(Runner, Protocol):

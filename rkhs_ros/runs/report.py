@@ -1,13 +1,17 @@
 """Results of a run in its folder: configuration, learning curve and policy."""
 
+import platform
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from datetime import datetime
+from importlib.metadata import version
+from itertools import pairwise
 from math import inf, isnan
 from pathlib import Path
 from shlex import quote
 
+from rkhs_ros import __version__
 from rkhs_ros.base.files import read_whole, write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
@@ -17,9 +21,9 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
 from rkhs_ros.rollouts.evaluation import FinalEvaluation
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.provenance import found_comments, provenance_lines, resumed, with_comments
+from rkhs_ros.runs.curve import BEGINNING, Curve
 
+LIBRARIES = {name: version(name) for name in ("numpy", "scipy")}
 CONFIGURATION = "config.yaml"
 ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
@@ -87,8 +91,8 @@ def last_policy(folder: Path) -> Path:
 class Report:
     """Results of a run, written while it runs.
 
-    Owns the files of the folder except checkpoint and recording. config.yaml is written at the start; its comments
-    grow with what the run finds about its task. curve.csv and advice.txt grow with the run. best_policy.npz holds the
+    Owns the files of the folder except checkpoint and recording. config.yaml is written at the start; curve.csv and
+    advice.txt grow with the run. best_policy.npz holds the
     policy with the greatest evaluation return minus its standard error, which `decide` may replace by the last policy.
     `finish` writes policy.npz.
 
@@ -123,16 +127,19 @@ class Report:
         self._spaces = spaces
         self.final: FinalEvaluation | None = None
         self.rows = list(rows)
-        done = len(self.rows)
         self._best, self.best_policy = max(evaluation_bounds(self.rows), default=-inf), best_policy
-        self._restore()
+        final, best = folder / FINAL_EVALUATION, folder / BEST_POLICY
+        final.unlink(missing_ok=True)  # of a finished run, which continues
+        if best_policy is None:
+            best.unlink(missing_ok=True)
+        else:
+            self._save(BEST_POLICY, best_policy)
         self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
-        self._configuration = resumed(folder / CONFIGURATION, resolved(config), done)
-        write_whole(folder / CONFIGURATION, self._configuration.encode())
+        begin(folder, config)
         self._curve.begin(self.rows)
 
     def add(self, iteration: Iteration) -> None:
-        """Write the line of an iteration, and add to config.yaml what the iteration found about the task.
+        """Write the line of an iteration, and its policy if its `evaluation_bound` is the greatest so far.
 
         Raises:
             OSError: a file cannot be written.
@@ -140,10 +147,9 @@ class Report:
         row = iteration.row(time.monotonic() - self._began)
         self._curve.append(row)
         self.rows.append(row)
-        self._save_if_best(iteration)
-        if comments := found_comments(iteration, self._config.training):
-            self._configuration = with_comments(self._configuration, comments)
-            write_whole(self.folder / CONFIGURATION, self._configuration.encode())
+        if iteration.evaluation_bound > self._best:
+            self._best, self.best_policy = iteration.evaluation_bound, iteration.policy
+            self._save(BEST_POLICY, iteration.policy)
         self._last = iteration
 
     def decide(self, final: FinalEvaluation) -> None:
@@ -158,14 +164,6 @@ class Report:
             self._save(BEST_POLICY, self.best_policy)
         write_whole(self.folder / FINAL_EVALUATION, f"{final}\n".encode())
 
-    def _restore(self) -> None:
-        """Restore the best policy of the run, which continues, and undo the decision at its end."""
-        (self.folder / FINAL_EVALUATION).unlink(missing_ok=True)
-        if self.best_policy is not None:
-            self._save(BEST_POLICY, self.best_policy)
-        else:
-            (self.folder / BEST_POLICY).unlink(missing_ok=True)
-
     def _save(self, name: str, policy: GaussianPolicy) -> None:
         save_policy(self.folder / name, policy, self._config.task, self._spaces)
 
@@ -176,12 +174,6 @@ class Report:
             OSError: the file cannot be written.
         """
         write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
-
-    def _save_if_best(self, iteration: Iteration) -> None:
-        """Save the policy if the lower end of the interval of its evaluation return is the greatest so far."""
-        if iteration.evaluation_bound > self._best:
-            self._best, self.best_policy = iteration.evaluation_bound, iteration.policy
-            self._save(BEST_POLICY, iteration.policy)
 
     def finish(self) -> None:
         """Write the last policy.
@@ -210,6 +202,16 @@ def begin(folder: Path, config: Config) -> None:
     write_whole(folder / CONFIGURATION, resolved(config).encode())
 
 
+def provenance() -> dict[str, str]:
+    """Return the versions on which the results of a run depend, by name."""
+    return {"Python": platform.python_version(), "rkhs_ros": __version__, **LIBRARIES}
+
+
+def provenance_lines() -> tuple[str, ...]:
+    """Return the provenance as texts, "name version" each."""
+    return tuple(f"{name} {version}" for name, version in provenance().items())
+
+
 def resolved(config: Config) -> str:
     """Return the whole configuration as a ROS parameter file, with the current versions in a comment at the top."""
     return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
@@ -222,18 +224,12 @@ def evaluation_bounds(rows: Iterable[Row]) -> list[float]:
         rows: all lines of a curve.
     """
     bounds = [
-        lower_bound(row.evaluation_return, row.evaluation_return_sd, row.evaluation_episodes - before)
-        for before, row in _with_evaluated_before(rows)
+        lower_bound(
+            row.evaluation_return, row.evaluation_return_sd, row.evaluation_episodes - before.evaluation_episodes
+        )
+        for before, row in pairwise([BEGINNING, *rows])
     ]
     return [-inf if isnan(bound) else bound for bound in bounds]
-
-
-def _with_evaluated_before(rows: Iterable[Row]) -> Iterator[tuple[int, Row]]:
-    """Yield each line with the number of evaluation episodes before it."""
-    before = 0
-    for row in rows:
-        yield before, row
-        before = row.evaluation_episodes
 
 
 def summary(folder: Path, config: Config) -> str:

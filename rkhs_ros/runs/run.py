@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked
@@ -23,13 +24,7 @@ from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import Report, advice_in, begin, is_started, new_folder, old_folder
 
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
-
-
 OnAdvice = Callable[[Advice], None]
-
-
-def ignore_iteration(iteration: Iteration, rows: Sequence[Row]) -> None:
-    """No-op callback."""
 
 
 def ignore_row(row: Row) -> None:
@@ -41,41 +36,25 @@ def run_training(
     runner: RecordableRunner,
     folder: Path | None,
     *,
-    quiet: bool = False,
     resume: bool = False,
-    tensorboard: bool = False,
-    sync: bool = False,
-    on_iteration: OnIteration = ignore_iteration,
-    on_advice: OnAdvice | None = None,
+    on_iteration: OnIteration = lambda iteration, rows: None,
+    **options: Any,
 ) -> Path:
-    """Train and write the results; see `training_steps`, which has the same arguments and raises the same errors.
+    """Train and write the results.
 
     Args:
         config: configuration of the run.
         runner: runner of the episodes.
         folder: folder of the results, new or empty unless the run resumes; None for results/NAME/TIME.
-        quiet: show no progress bar.
         resume: resume the run in the folder.
-        tensorboard: write TensorBoard events.
-        sync: sync each message of the recording to the disk.
         on_iteration: callback for each iteration, after its results are written.
-        on_advice: callback for advice if the run does not learn; None prints it with the progress.
+        options: further options of `training_steps`, which raises the same errors.
 
     Returns:
         The folder of the results.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
-    steps = training_steps(
-        config,
-        runner,
-        folder,
-        quiet=quiet,
-        resume=resume,
-        tensorboard=tensorboard,
-        sync=sync,
-        on_advice=on_advice,
-    )
-    with closing(steps):
+    with closing(training_steps(config, runner, folder, resume=resume, **options)) as steps:
         for iteration, report in steps:
             on_iteration(iteration, report.rows)
     return folder

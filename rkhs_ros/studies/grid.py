@@ -20,7 +20,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.provenance import provenance
+from rkhs_ros.runs.report import provenance
 
 MOST_POINTS = 10_000
 OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -56,32 +57,14 @@ def upright(positions: Array) -> Array:
 
 def matrices(orientations: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) of unit quaternions w, x, y, z of shape (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(orientations), -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    quaternions = np.roll(orientations, -1, axis=-1)  # scipy has w last
+    return np.asarray(Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix().reshape(*quaternions.shape[:-1], 3, 3))
 
 
 def quaternions(rotations: Array) -> Array:
-    r"""Return unit quaternions w, x, y, z of rotation matrices, shape (..., 3, 3).
-
-    The entries of :math:`4 q q^\top` are sums of entries of the matrix. The quaternion is its normalised row with the
-    largest diagonal entry, which is the most accurate one.
-    """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(rotations, (-2, -1), (0, 1))
-    rows = (
-        (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
-        (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
-        (xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy),
-        (yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz),
-    )
-    products = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    best = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    chosen = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
-    return np.asarray(chosen / np.linalg.norm(chosen, axis=-1, keepdims=True))
+    """Return unit quaternions w, x, y, z of rotation matrices, shape (..., 3, 3)."""
+    turned = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat()
+    return np.asarray(np.roll(turned, 1, axis=-1).reshape(*rotations.shape[:-2], 4))
 
 
 class Camera:

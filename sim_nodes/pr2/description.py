@@ -68,13 +68,11 @@ class Description:
     """The content of a URDF file.
 
     Attributes:
-        text: the whole file.
         root: name of the link without a parent.
         joints: all joints.
         boxes: all visible boxes.
     """
 
-    text: str
     root: str
     joints: tuple[Joint, ...]
     boxes: tuple[Box, ...]
@@ -128,7 +126,7 @@ def read(name: str) -> Description:
         for shown in link.findall("visual")
     )
     (root,) = {joint.parent for joint in joints} - {joint.child for joint in joints}
-    return Description(text, root, joints, boxes)
+    return Description(root, joints, boxes)
 
 
 def _joint(element: Element) -> Joint:

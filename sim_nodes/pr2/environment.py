@@ -91,7 +91,7 @@ class PR2Door(DrawnTask):
             raise ValueError(f"pose: expected one of {', '.join(POSES)}, got '{pose}'")
         if not isinstance(pose_seed, int) or pose_seed < 0:
             raise ValueError(f"pose_seed: expected a whole number from 0, got {pose_seed!r}")
-        first = np.asarray(start, dtype=np.float64) if _numbers(start) else np.empty(0)
+        first = np.asarray(start, dtype=np.float64)
         if first.shape != (2,) or not np.all(np.isfinite(first)):
             raise ValueError(f"start: expected two finite numbers, got {start!r}")
         super().__init__(num_envs, 1, render_mode)
@@ -202,12 +202,6 @@ class PR2Door(DrawnTask):
     def _info(self) -> dict[str, Any]:
         names = ("success", "door_angle", "tracking_error")
         return {name: np.array([getattr(outcome, name) for outcome in self.outcomes]) for name in names}
-
-
-def _numbers(values: Any) -> bool:
-    """Return whether a value is a flat sequence of numbers."""
-    row = values.tolist() if isinstance(values, np.ndarray) else values
-    return isinstance(row, list | tuple) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in row)
 
 
 def tracking_error(trajectory: Trajectory, shown: Demonstration) -> float:

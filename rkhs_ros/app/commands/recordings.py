@@ -27,10 +27,9 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes, offline_settings
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.provenance import provenance_lines
 from rkhs_ros.runs.recorded import head_of_run, training_of
 from rkhs_ros.runs.replay import DifferenceError, replay
-from rkhs_ros.runs.report import BEST_POLICY, Report, is_started, new_folder
+from rkhs_ros.runs.report import BEST_POLICY, Report, is_started, new_folder, provenance_lines
 from rkhs_ros.runs.run import finished
 
 DISCOUNT = 0.99  # of imitated episodes, if the file contains no task

@@ -12,7 +12,7 @@ from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_expe
 from rkhs_ros.paper.reproduce import draw_experiment, load_table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import provenance
+from rkhs_ros.runs import report
 
 ROOT = Path(__file__).parents[3]
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
@@ -99,7 +99,7 @@ def test_runs_of_other_versions_are_repeated(
 
     assert made() == 3
     for name, value in (("__version__", "9.9.9"), ("LIBRARIES", {"numpy": "1"})):
-        monkeypatch.setattr(provenance, name, value)
+        monkeypatch.setattr(report, name, value)
         before = made()
     assert before == 9
 

@@ -100,7 +100,7 @@ class Still(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.zeros(1, np.float32), 0.0, False, False, {}
 
 
-@pytest.mark.parametrize("flag", [None, "False", float("nan"), [True, False]])
+@pytest.mark.parametrize("flag", ["False", [True, False]])
 def test_a_flag_that_is_neither_true_nor_false_is_refused(
     monkeypatch: pytest.MonkeyPatch, random_policy: Callable[..., GaussianPolicy], flag: Any
 ) -> None:
@@ -108,14 +108,6 @@ def test_a_flag_that_is_neither_true_nor_false_is_refused(
     runner = InlineRunner(Simulation(Still))
     with pytest.raises(RunError, match="step 1 of environment 0: expected terminated to be True or False, got "):
         runner.collect(random_policy(d=1, n=1), Batch(0, 0, 1, 5, explore=False))
-
-
-def test_an_observation_of_another_shape_is_refused(
-    monkeypatch: pytest.MonkeyPatch, random_policy: Callable[..., GaussianPolicy]
-) -> None:
-    monkeypatch.setattr(Still, "step", lambda self, action: (np.zeros((1, 1), np.float32), 0.0, False, False, {}))
-    with pytest.raises(RunError, match=r"step 1 of environment 0: expected an observation of shape \(1,\)"):
-        InlineRunner(Simulation(Still)).collect(random_policy(d=1, n=1), Batch(0, 0, 1, 5, explore=False))
 
 
 @pytest.mark.parametrize("metadata", [None, {"render_fps": 0}])

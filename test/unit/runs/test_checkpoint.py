@@ -211,11 +211,6 @@ def test_a_checkpoint_with_other_settings_is_rejected_with_the_first_difference(
     assert "\n" not in str(refusal.value)
 
 
-def test_settings_without_effect_on_results_may_differ(folder: Path, states: list[State]) -> None:
-    write(folder, states[3])
-    assert found_in(folder, changed(iterations=5, timeout=1.0)).state.iterations == 4
-
-
 class Clock:
     """Clock with a settable time."""
 

@@ -1,8 +1,7 @@
-"""What a run found about its task, in the comments of its config.yaml."""
+"""What a run found about its task, in the form of settings."""
 
 from dataclasses import replace
 from pathlib import Path
-from shlex import split
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.provenance import FOUND
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
 
@@ -40,10 +38,6 @@ def learn(folder: Path, config: Config = CONFIG, **how: Any) -> Path:
     return run_training(config, runner(), folder, quiet=True, **how)
 
 
-def comments(folder: Path) -> list[str]:
-    return [line for line in (folder / "config.yaml").read_text().splitlines() if FOUND.fullmatch(line)]
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return learn(tmp_path_factory.mktemp("whole") / "run")
@@ -53,38 +47,24 @@ def returns(folder: Path) -> list[tuple[float, ...]]:
     return [(row.exploration_return, row.evaluation_return) for row in Curve(folder / "curve.csv").rows()]
 
 
-def test_config_yaml_says_what_the_run_found_and_repeats_the_run(whole: Path, tmp_path: Path) -> None:
-    (line,) = comments(whole)
-    head, found = line.split(": ", maxsplit=1)
-    assert head == "# found in iteration 1"
-    assert load_config(whole / "config.yaml") == CONFIG
-    known = load_config(whole / "config.yaml", split(found)).training
-    assert (known.inputs.columns, known.action_repeat) == ([0], 1)
-    given = learn(tmp_path / "given", load_config(whole / "config.yaml", split(found)))
-    assert comments(given) == []
-    assert returns(given) == returns(whole)
-
-
-def test_a_resumed_run_keeps_what_it_found(whole: Path, tmp_path: Path) -> None:
-    shorter = replace(CONFIG, training=replace(CONFIG.training, iterations=1))
-    folder = learn(tmp_path / "run", shorter)
-    assert comments(folder) == comments(whole)
-    file = folder / "config.yaml"
-    file.write_text(file.read_text().replace("'/**/sim", "# found in iteration 2: of a lost line\n'/**/sim", 1))
-    learn(folder, resume=True)
-    assert comments(folder) == comments(whole)
-    assert returns(folder) == returns(whole)
-
-
-def test_an_initial_policy_brings_settings_that_were_not_found(
+def test_the_found_settings_repeat_the_run_and_come_with_its_policy(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    start_from(folder, CONFIG, load_policy(whole / "policy.npz")[0])
+    policy = load_policy(whole / "policy.npz")[0]
+    found = settings_of(Known.of(CONFIG.training), Known(policy.action_repeat, policy.inputs))
+    assert found
+    assert load_config(whole / "config.yaml") == CONFIG
+    assert returns(learn(tmp_path / "given", load_config(whole / "config.yaml", found))) == returns(whole)
+    (folder := tmp_path / "run").mkdir()
+    start_from(folder, CONFIG, policy)
     run_training(CONFIG, runner(), folder)
-    assert comments(folder) == [comments(whole)[0].replace("found in iteration 1", "from the initial policy")]
-    assert "found" not in capsys.readouterr().err
+    assert ": found " not in capsys.readouterr().err
+
+
+def test_a_resumed_run_finds_the_same(whole: Path, tmp_path: Path) -> None:
+    folder = learn(tmp_path / "run", replace(CONFIG, training=replace(CONFIG.training, iterations=1)))
+    learn(folder, resume=True)
+    assert returns(folder) == returns(whole)
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 
 from rkhs_ros.base.files import locked
-from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import provenance
+from rkhs_ros.runs import report
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import BEGINNING, Curve
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import Result, assert_refused, model_free
@@ -79,12 +78,10 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-@pytest.mark.parametrize("batches", [2])
-def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object], batches: int) -> None:
-    folder = stopped(tmp_path / "run", batches, num_envs=3)
-    done = max(batches - 1, 0)
-    assert len(Curve(folder / "curve.csv").rows()) == done
-    left = Stopping(5 - done, num_envs=3)  # the exploration episodes, and a batch per iteration
+def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object]) -> None:
+    folder = stopped(tmp_path / "run", 2, num_envs=3)
+    assert len(Curve(folder / "curve.csv").rows()) == 1
+    left = Stopping(4, num_envs=3)  # the exploration episodes, and a batch per iteration
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
@@ -146,24 +143,8 @@ def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
 
 
 ROWS = [
-    Row(
-        k,
-        3 * k,
-        30 * k,
-        2 * k,
-        -1.5 / k,
-        0.1,
-        1e-17 * k,
-        0.2,
-        -3.5 / k,
-        1e17 * k,
-        k,
-        1.0,
-        float("nan"),
-        0.0,
-        7.5,
-        0.1 * k,
-        0.25 * k,
+    BEGINNING._replace(
+        iteration=k, episodes=3 * k, exploration_return=-1.5 / k, evaluation_return=1e17 * k, seconds=k / 4
     )
     for k in (1, 2, 3)
 ]
@@ -198,20 +179,17 @@ def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) ->
         assert curve.path.read_bytes() == b"".join(whole.splitlines(keepends=True)[: min(len(rows), 2) + 1])
 
 
-@pytest.mark.parametrize(("old", "new", "line"), [(b"\r\n2,6,", b"\r\n2,6,0.0,", 3), (b"\r\n3,", b"\r\n\xff,", 4)])
-def test_a_damaged_line_of_a_curve_is_named(tmp_path: Path, old: bytes, new: bytes, line: int) -> None:
+def test_a_damaged_line_of_a_curve_is_named(tmp_path: Path) -> None:
     curve = Curve(tmp_path / "curve.csv")
     curve.begin(ROWS)
     content = curve.path.read_bytes()
-    assert content.count(old) == 1
-    curve.path.write_bytes(content.replace(old, new))
-    with pytest.raises(ValueError, match=rf"curve\.csv: expected 17 numbers in line {line}, got '"):
-        curve.rows()
-    curve.path.write_bytes(content.replace(b"iteration,", b"iterations,"))
-    with pytest.raises(
-        ValueError, match=r"curve\.csv: expected the header iteration,episodes,s\.\.\., got iterations,"
+    for old, new, expected in (
+        (b"\r\n3,", b"\r\n\xff,", "17 numbers in line 4"),
+        (b"iteration,", b"it,", "the header"),
     ):
-        curve.rows()
+        curve.path.write_bytes(content.replace(old, new))
+        with pytest.raises(ValueError, match=rf"curve\.csv: expected {expected}"):
+            curve.rows()
 
 
 def test_a_run_resumes_with_other_versions_and_records_them(
@@ -219,32 +197,17 @@ def test_a_run_resumes_with_other_versions_and_records_them(
 ) -> None:
     runner = InlineRunner(Simulation("rkhs/Toy-v0"))
     folder = run_training(longer(2), runner, tmp_path / "run", quiet=True)
-    monkeypatch.setattr(provenance, "LIBRARIES", {**provenance.LIBRARIES, "numpy": "1.2.3"})
+    monkeypatch.setattr(report, "LIBRARIES", {**report.LIBRARIES, "numpy": "1.2.3"})
     code, _, err = rkhs("train", "--resume", "run", *INLINE, "--iterations", 4)
     before = f"warning: run/recording.mcap: begun with numpy {np.__version__}, resumed with numpy 1.2.3; "
     assert (code, err) == (0, f"{before}the results may differ from those of an uninterrupted run\n")
-    began, went_on, *_ = (folder / "config.yaml").read_text().splitlines()
-    assert began.startswith("# Python 3.")
-    assert went_on.startswith("# from iteration 2: Python 3.")  # the last one repeats
-    assert "numpy 1.2.3, " in went_on
+    assert "numpy 1.2.3, " in (folder / "config.yaml").read_text().splitlines()[0]
     first, second = read_recording(folder).heads
     assert first.versions != second.versions
     assert "numpy 1.2.3" in second.versions
     assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5)[::2] == (0, "")  # only a change is reported
-    assert (folder / "config.yaml").read_text().splitlines()[:2] == [began, went_on]
     assert rkhs("replay", "run", "--quiet").out == "all 5 updates are bit-identical\n"
     assert [row.iteration for row in Recorded(folder).rows] == [1, 2, 3, 4, 5]
-
-
-def test_results_that_cannot_be_written_are_reported(tmp_path: Path, whole: dict[str, object]) -> None:
-    folder = stopped(tmp_path / "run", 5)
-    (folder / "policy.npz").unlink()
-    (folder / "policy.npz").mkdir()
-    with pytest.raises(OSError, match=r"Is a directory: .*policy\.npz"):
-        resumed(folder)
-    assert not list(folder.rglob("*.part"))
-    (folder / "policy.npz").rmdir()
-    assert results(resumed(folder)) == whole
 
 
 @pytest.fixture
@@ -266,13 +229,12 @@ def assert_whole(folder: Path) -> None:
         assert load_config(path)
 
 
-@pytest.mark.parametrize("size", [500])
 def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
-    rkhs: Cli, tmp_path: Path, size: int, disk: Callable[[int], None]
+    rkhs: Cli, tmp_path: Path, disk: Callable[[int], None]
 ) -> None:
     arguments = ("train", CONFIG_FILE, *INLINE, "--iterations", 12, "--set", "horizon=5")
     assert rkhs(*arguments, "--out", "whole")[0] == 0
-    disk(size)
+    disk(500)
     assert_refused(rkhs(*arguments, "--out", "run"), "File too large: 'run/", code=1)
     assert_whole(tmp_path / "run")
     disk(-1)
@@ -355,18 +317,3 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, rng: np.random.Gen
     assert (again.communicate()[1], again.returncode) == ("", 0)
     assert (whole.communicate()[1], whole.returncode) == ("", 0)
     assert results(run) == results(tmp_path / "whole")
-
-
-@pytest.mark.nightly
-@pytest.mark.slow
-def test_a_second_process_is_rejected_until_the_first_is_killed(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    first = started(CONFIG_FILE, "--iterations", 100_000, "--out", run)
-    while lines(run) < 3:
-        time.sleep(0.01)
-    second = started("--resume", run, "--iterations", 5)
-    assert second.communicate()[1].endswith("got one in use by another process\n")
-    assert second.returncode == 2
-    killed(first, run, 5, 0.0)
-    third = started("--resume", run, "--iterations", lines(run) + 5)
-    assert (third.communicate()[1], third.returncode) == ("", 0)
