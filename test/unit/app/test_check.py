@@ -38,16 +38,6 @@ def test_a_pendulum_needs_no_settings(rkhs: Rkhs) -> None:
     assert values["last"] == "the defaults will do"
 
 
-def test_a_number_comes_with_its_reason_and_the_last_line_follows_from_it(rkhs: Rkhs) -> None:
-    fast = ("rkhs/CartPoleSwingUp-v0", "--set", "environment.options.rate=100")
-    short, longer = (rkhs("check", *fast, f"horizon={horizon}").out for horizon in (60, 300))
-    assert (
-        "auto chooses 1: 0.08 sd per decision, the most with 50 decisions in the longest of these episodes\n" in short
-    )
-    assert "auto chooses 4: 0.28 sd per decision, the nearest to 0.3\n" in longer
-    assert longer.endswith("the defaults will do\n")
-
-
 def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> None:
     wrapped = "environment.options.angle=wrap"
     assert checked(rkhs, "rkhs/Pendulum-v0", "--set", wrapped)["angles"].startswith("0 ")

@@ -1,4 +1,3 @@
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -28,27 +27,6 @@ def test_the_parameter_file_transports_any_path_and_the_settings_of_all_nodes(tm
     settings = loaded(dumped(CONFIG.parameters()))["/**/learner"]["ros__parameters"]
     more = {"environment": {"id": "x"}, "output": path, "resume": True}
     assert document["/**/learner"]["ros__parameters"] == settings | more
-
-
-@pytest.mark.parametrize("path", ["\udcff", "a\0b"])
-def test_a_path_that_is_no_ros_parameter_is_rejected(tmp_path: Path, path: str) -> None:
-    with pytest.raises(ValueError, match=r"learner\.output: expected .*UTF-8 text"):
-        write_parameters(CONFIG, tmp_path / "parameters.yaml", output=path)
-
-
-def test_an_interrupt_during_a_fork_is_not_lost() -> None:
-    done = []
-
-    def interrupted() -> None:
-        with deferred_signals():
-            os.kill(os.getpid(), signal.SIGINT)
-            done.append("all the rest")
-
-    handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert done
-    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def signalled_at(code: CodeType, instruction: int, enter: Callable[[], AbstractContextManager[Any]]) -> bool:

@@ -17,7 +17,6 @@ from rkhs_ros.policies.storage import policy_arrays, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.recordings.definitions import Types
-from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -155,13 +154,6 @@ def test_inner_products_of_monomials_match_the_polynomial_kernel(d: int, degree:
     assert np.all(np.abs(phi @ psi.T - Polynomial(offset, degree)(x, y)) <= 1e-12 * scale)
 
 
-def test_inputs_are_periodic_in_angles(rng: np.random.Generator) -> None:
-    inputs, x = Inputs(angles=(0.0,)), rng.normal(size=(6, 2))
-    turned = x + np.array([2 * np.pi, 0.0])
-    np.testing.assert_allclose(inputs.features(turned), inputs.features(x), atol=1e-14)
-    assert np.array_equal(inputs.features(x), np.stack([np.sin(x[:, 0]), np.cos(x[:, 0]), x[:, 1]], axis=1))
-
-
 @given(
     turn=st.sampled_from([360.0, 6400.0, 1.0, 2.0 * np.pi]),
     history=st.integers(1, 3),
@@ -190,15 +182,3 @@ def test_invalid_turns_are_rejected_in_one_line(
 ) -> None:
     with pytest.raises(ValueError, match=f"^{message}[^\n]*$"):
         Inputs(angles=angles, turns=turns)
-
-
-@pytest.mark.parametrize("degree", [0, 2])
-@pytest.mark.parametrize("history", [1, 2])
-def test_an_action_does_not_depend_on_the_batch_size(rng: np.random.Generator, history: int, degree: int) -> None:
-    inputs = Inputs(history=history, angles=(1.0, 2.0), degree=degree)
-    size = inputs.dimension(3, 1)
-    mean = Function(Polynomial(0.5, 3), rng.normal(size=(1, size)), np.ones((1, 1)))
-    observed, done = rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 4, 1))
-    together = mean(inputs.at(np.array([3]), observed, done)[:, 0])
-    alone = [mean(inputs.at(np.array([3]), observed[row : row + 1], done[row : row + 1])[:, 0])[0] for row in range(50)]
-    assert np.array_equal(together, alone)

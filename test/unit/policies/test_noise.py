@@ -1,6 +1,5 @@
 """Exploration noise that is correlated over time: its spectrum, variance and independence."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -59,15 +58,3 @@ def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(random_policy
     for parts in (2, 3, 7):
         apart = np.concatenate([policy.exploration(batch) for batch in BATCH.split(parts)])
         assert apart.tobytes() == together.tobytes()
-
-
-def test_the_noise_does_not_depend_on_the_horizon(random_policy: Make) -> None:
-    policy = replace(random_policy(), noise="pink")
-    longer = policy.exploration(replace(BATCH, horizon=TAPS + 300))
-    np.testing.assert_allclose(longer[:, :50], policy.exploration(BATCH), rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize(("name", "hint"), [("pinc", "did you mean 'pink'?"), ("brown", "known: pink, white")])
-def test_an_unknown_noise_is_rejected_by_name(random_policy: Make, name: str, hint: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(f"unknown noise '{name}', {hint}")):
-        replace(random_policy(), noise=name)

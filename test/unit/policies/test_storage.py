@@ -2,10 +2,8 @@ import json
 import resource
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -18,13 +16,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
 
 Make = Callable[..., GaussianPolicy]
-WRONG_TASKS: list[dict[str, object]] = [
-    {"discount": float("nan")},
-    {"discount": "0.9"},
-    {"horizon": -1},
-    {"options": []},
-    {"environment": 3},
-]
+WRONG_TASKS: list[dict[str, object]] = [{"discount": float("nan")}, {"horizon": -1}, {"options": []}]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
 KERNELS: list[Kernel] = [
     RBF((0.1, 1 / 3)),
@@ -68,15 +60,6 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
     x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
-
-
-def test_angles_of_a_file_without_turns_are_in_radians(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(d=3), TASK)
-    with np.load(path) as file:
-        arrays = {**file, "inputs": np.array(json.dumps({"history": 1, "angles": [1]}))}
-    np.savez(path, **arrays)
-    assert load_policy(path)[0].inputs == Inputs(angles=(1.0,))
 
 
 def test_a_truncated_file_is_rejected_by_name(tmp_path: Path, random_policy: Make) -> None:
@@ -127,14 +110,11 @@ def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_poli
         {"variance": np.array([1.0, -1.0])},
         {"inputs": None},
         {"noise": np.array("brown")},
-        {"task": np.array("no json")},
         {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},
         {"centres": np.array([{}], dtype=object)},
-        {"centres": np.zeros((5, 2), dtype=complex)},
         {"kernel_sizes": np.array([2])},
         {"kernel_parameters": np.array([1.0 + 0j])},
         {"observation_shape": np.array([-1]), "action_low": np.zeros(2), "action_high": np.ones(2)},
-        {"observation_shape": np.array([2]), "action_low": np.array(["a"]), "action_high": np.array(["b"])},
         *({"task": np.array(json.dumps(asdict(TASK) | wrong))} for wrong in WRONG_TASKS),
     ],
     ids=lambda change: ", ".join(change),
@@ -150,28 +130,6 @@ def test_files_without_a_valid_policy_raise_a_one_line_error(
     with pytest.raises(ValueError, match=r"policy\.npz: expected") as refusal:
         load_policy(path)
     assert "\n" not in str(refusal.value)
-
-
-def test_arrays_with_a_too_large_header_are_rejected(tmp_path: Path, random_policy: Make) -> None:
-    buffer = BytesIO()
-    np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 2)})
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(), TASK)
-    with ZipFile(path) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    with ZipFile(path, "w") as archive:
-        for name, content in (members | {"centres.npy": buffer.getvalue()}).items():
-            archive.writestr(name, content)
-    with pytest.raises(ValueError, match=r"policy\.npz: expected a complete policy file"):
-        load_policy(path)
-
-
-def test_a_well_compressed_policy_file_is_accepted(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(m=300), TASK)
-    with np.load(path) as file:
-        np.savez_compressed(path, **{**file, "weights": np.zeros((300, 2))})
-    assert not load_policy(path)[0].mean.weights.any()
 
 
 def test_a_save_on_a_full_disk_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:

@@ -110,9 +110,3 @@ def test_a_function_variance_is_the_clipped_function(seed: int, distance: float,
     there = FunctionVariance(function, low, high)(x)
     expected = [[min(max(g, a), b) for g, a, b in zip(row, low, high, strict=True)] for row in function(x)]
     assert np.array_equal(there, expected)
-
-
-def test_a_row_of_a_function_variance_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
-    function = Function(RBF((0.7,)), rng.normal(size=(23, 2)), rng.normal(size=(23, 2)))
-    variance, x = FunctionVariance(function, np.full(2, 0.1), np.full(2, 9.0)), rng.normal(size=(31, 2))
-    assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
