@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import pick
 from rkhs_ros.base.yaml_text import read_yaml
 from rkhs_ros.runs.config import Config, load_config
-
-BANDS = ("confidence", "sd")
 
 
 @dataclass(frozen=True)
@@ -65,13 +63,12 @@ def folder() -> Path:
     Raises:
         FileNotFoundError: the folder is missing in both.
     """
-    for parent in Path(__file__).resolve().parents:
-        for place in (parent / "config" / "experiments", parent / "share" / "rkhs_ros" / "config" / "experiments"):
-            if place.is_dir():
-                return place
-    raise FileNotFoundError(
-        "config/experiments: expected a folder beside the sources or under share/rkhs_ros, got none"
-    )
+    parts = ("config/experiments", "share/rkhs_ros/config/experiments")
+    places = (parent / part for parent in Path(__file__).resolve().parents for part in parts)
+    found = next((place for place in places if place.is_dir()), None)
+    if found is None:
+        raise FileNotFoundError("config/experiments: expected it beside the sources or under share/rkhs_ros, got none")
+    return found
 
 
 def known() -> dict[str, Path]:
@@ -83,31 +80,16 @@ def load_experiment(name: str) -> Experiment:
     """Read an experiment by name.
 
     Raises:
-        ValueError: the name is unknown, or the file is not an experiment.
+        ValueError: the name is unknown.
     """
     path = pick(name, known(), "experiment")
-    tree = _section(read_yaml(path), ("title", "runs", "band", "panels"), str(path))
-    require(tree["band"] in BANDS, f"{path}: band", f"one of {', '.join(BANDS)}", tree["band"])
-    panels = tuple(_panel(panel, path) for panel in tree["panels"])
-    return Experiment(name, str(tree["title"]), int(tree["runs"]), str(tree["band"]), panels)
+    tree = read_yaml(path)
+    panels = tuple(
+        Panel(panel["title"], tuple(_curve(each, panel.get("set", []), path) for each in panel["curves"]))
+        for panel in tree["panels"]
+    )
+    return Experiment(name, tree["title"], tree["runs"], tree["band"], panels)
 
 
-def _panel(tree: Any, path: Path) -> Panel:
-    tree = _section(tree, ("title", "curves"), f"{path}: panel", ("set",))
-    common = tree.get("set", [])
-    return Panel(str(tree["title"]), tuple(_curve(curve, common, path) for curve in tree["curves"]))
-
-
-def _curve(tree: Any, common: list[str], path: Path) -> Curve:
-    tree = _section(tree, ("label", "config"), f"{path}: curve", ("set",))
-    changes = tuple(str(change) for change in [*common, *tree.get("set", [])])
-    return Curve(str(tree["label"]), path.parents[1] / f"{tree['config']}.yaml", changes)
-
-
-def _section(tree: Any, needed: tuple[str, ...], what: str, more: tuple[str, ...] = ()) -> Mapping[str, Any]:
-    if not isinstance(tree, Mapping):
-        raise ValueError(f"{what}: expected a section of keys, got {tree!r}")
-    missing = [key for key in needed if key not in tree]
-    unknown = [key for key in tree if key not in (*needed, *more)]
-    require(not missing and not unknown, what, f"the keys {', '.join((*needed, *more))}", ", ".join(map(str, tree)))
-    return tree
+def _curve(tree: Mapping[str, Any], common: list[str], path: Path) -> Curve:
+    return Curve(tree["label"], path.parents[1] / f"{tree['config']}.yaml", (*common, *tree.get("set", [])))

@@ -3,26 +3,24 @@
 Each panel of a figure is plotted over iterations and over episodes, as in the paper.
 """
 
-import csv
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.files import read_whole, write_whole
-from rkhs_ros.learning.iteration import Row
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.paper.experiment import Experiment, Panel
 from rkhs_ros.pictures.known import references
 from rkhs_ros.pictures.style import draw_references, label, legend_above, looks, sheet, write
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
+from rkhs_ros.studies.comparison import as_csv
 from rkhs_ros.studies.grid import indexed_folder
 
 Make = Callable[[Mapping[Path, Config]], Mapping[Path, str]]
@@ -30,11 +28,25 @@ CONFIDENCE = 1.96  # standard errors on both sides of 95 %
 WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
 DPI = 90
 PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: its space of policies
-COLUMNS = ("panel", "curve", "run", "iteration", "episodes", "exploration_return", "evaluation_return")
 
 
-def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Path:
-    """Run an experiment and return its table, a CSV file.
+class Returns(NamedTuple):
+    """Returns of the runs of a curve.
+
+    Attributes:
+        episodes: number of exploration episodes up to each iteration, shape (iterations,).
+        evaluation: mean discounted return of the evaluation episodes after the update, shape (runs, iterations).
+    """
+
+    episodes: Array
+    evaluation: Array
+
+
+Table = dict[tuple[str, str], Returns]  # by panel and curve
+
+
+def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Table:
+    """Run an experiment, write the table of its returns to a CSV file named like it, and return them.
 
     Args:
         experiment: the experiment.
@@ -45,78 +57,27 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Pa
     Raises:
         RunError: a run failed.
     """
-    places = {
-        (panel.title, curve.label, run): curve.run(run)
-        for panel in experiment.panels
-        for curve in panel.curves
-        for run in range(runs)
-    }
-    folders = {key: indexed_folder(out, config) for key, config in places.items()}
-    failures = make({folders[key]: config for key, config in places.items()})
+    curves = [(panel.title, curve) for panel in experiment.panels for curve in panel.curves]
+    configs = {(title, curve.label, run): curve.run(run) for title, curve in curves for run in range(runs)}
+    folders = {key: indexed_folder(out, config) for key, config in configs.items()}
+    failures = make({folders[key]: config for key, config in configs.items()})
     for folder, why in failures.items():
-        raise RunError(
-            f"{folder}: {why} ({len(failures)} of {len(folders)} runs failed; run the same command to continue)"
-        )
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows((*key, *_line(row)) for key, path in folders.items() for row in Curve(path / "curve.csv").rows())
-    table = out / f"{experiment.name}.csv"
-    write_whole(table, text.getvalue().encode())
+        count = f"{len(failures)} of {len(folders)} runs failed; run the same command to continue"
+        raise RunError(f"{folder}: {why} ({count})")
+    found = {key: Curve(path / "curve.csv").rows() for key, path in folders.items()}
+    lines = [
+        {"panel": panel, "curve": curve, "run": run, "iteration": row.iteration, "episodes": row.episodes}
+        | {name: f"{getattr(row, name):.3f}" for name in ("exploration_return", "evaluation_return")}
+        for (panel, curve, run), rows in found.items()
+        for row in rows
+    ]
+    write_whole(out / f"{experiment.name}.csv", as_csv(lines).encode())
+    table = {}
+    for title, curve in curves:
+        each = [found[title, curve.label, run] for run in range(runs)]
+        evaluation = np.array([[row.evaluation_return for row in rows] for rows in each])
+        table[title, curve.label] = Returns(np.array([float(row.episodes) for row in each[0]]), evaluation)
     return table
-
-
-def _line(row: Row) -> tuple[object, ...]:
-    return row.iteration, row.episodes, f"{row.exploration_return:.3f}", f"{row.evaluation_return:.3f}"
-
-
-@dataclass(frozen=True)
-class Returns:
-    """Returns of the runs of a curve.
-
-    Attributes:
-        episodes: number of exploration episodes up to each iteration, shape (iterations,).
-        exploration: mean discounted return of the exploration episodes, shape (runs, iterations).
-        evaluation: mean discounted return of the evaluation episodes after the update, shape (runs, iterations).
-    """
-
-    episodes: Array
-    exploration: Array
-    evaluation: Array
-
-    @property
-    def runs(self) -> int:
-        """Number of runs."""
-        return len(self.exploration)
-
-
-Table = dict[tuple[str, str], Returns]
-
-
-def load_table(path: Path) -> Table:
-    """Read the returns by panel and curve from a table.
-
-    Raises:
-        ValueError: the file does not exist, or is not a table of complete runs.
-        OSError: the file cannot be read.
-    """
-    if not path.exists():
-        raise ValueError(f"{path}: expected a table, got none. Run 'rkhs reproduce {path.stem}' to create it")
-    content = read_whole(path)
-    curves: dict[tuple[str, str], dict[int, list[dict[str, str]]]] = {}
-    try:
-        for line in csv.DictReader(content.decode().splitlines()):
-            curves.setdefault((line["panel"], line["curve"]), {}).setdefault(int(line["run"]), []).append(line)
-        return {key: _returns(runs) for key, runs in curves.items()}
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"{path}: expected the table of an experiment, got an unreadable file ({error})") from error
-
-
-def _returns(runs: dict[int, list[dict[str, str]]]) -> Returns:
-    def column(name: str) -> Array:
-        return np.array([[float(line[name]) for line in lines] for lines in runs.values()])
-
-    return Returns(column("episodes")[0], column("exploration_return"), column("evaluation_return"))
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
@@ -130,7 +91,7 @@ def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
 
 def experiment_figure(experiment: Experiment, table: Table) -> Figure:
     """Return the figure of an experiment."""
-    runs = max(returns.runs for returns in table.values())
+    runs = max(len(returns.evaluation) for returns in table.values())
     band = "95 % confidence of the mean" if experiment.band == "confidence" else "one standard deviation of the runs"
     subtitle = f"evaluation return, mean of {runs} runs; band: {band}, within the range of the runs"
     columns = len(experiment.panels)
@@ -179,9 +140,9 @@ def _draw(
 def _band(returns: Returns, band: str) -> tuple[Array, Array]:
     """Return the limits of the band around the mean, clipped to the range of the runs."""
     earned = returns.evaluation
-    if returns.runs == 1:
+    if len(earned) == 1:
         return earned[0], earned[0]
     deviation = earned.std(axis=0, ddof=1)
-    width = deviation if band == "sd" else CONFIDENCE * deviation / np.sqrt(returns.runs)
+    width = deviation if band == "sd" else CONFIDENCE * deviation / np.sqrt(len(earned))
     mean, least, most = earned.mean(axis=0), earned.min(axis=0), earned.max(axis=0)
     return np.maximum(mean - width, least), np.minimum(mean + width, most)

@@ -21,6 +21,7 @@ from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.aggregates import Aggregates, Estimate, aggregates, mean_over_runs
 
 NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs
+Line = Mapping[str, Any]  # of a table, by column; all lines have the same columns
 CAPTION = (
     "Discounted evaluation returns unless noted otherwise. Brackets show 95 % intervals over the runs by stratified\n"
     "bootstrap. The interquartile mean and the median are those of the final returns. The area under the curve is the\n"
@@ -88,9 +89,15 @@ class Comparison:
     curves: tuple[LearningCurve, ...]
     notes: tuple[str, ...]
 
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """The statistics of each curve by name, for `as_csv` and the like."""
+        sizes = [{"runs": len(c.returns), "episodes": float(c.episodes[-1]), "steps": c.steps} for c in self.curves]
+        return [{"curve": c.label, **size, **vars(c.aggregates())} for c, size in zip(self.curves, sizes, strict=True)]
+
     def __str__(self) -> str:
-        """Return the table with its notes in Markdown."""
-        return as_markdown(self)
+        """Return the table in Markdown, followed by the caption and the notes."""
+        return "\n".join([as_markdown(self.table), CAPTION, *(f"\n{note}" for note in self.notes), ""])
 
 
 def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) -> Comparison:
@@ -217,62 +224,45 @@ def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
     )
 
 
-def as_csv(comparison: Comparison) -> str:
-    """Return the table as CSV with one line per curve; the interval of a single run is empty."""
-    lines = [dict(_numbers(_row(curve))) for curve in comparison.curves]
-    text = StringIO(newline="")
-    writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
+def as_csv(lines: Sequence[Line]) -> str:
+    """Return a table as CSV with all digits; estimates have separate columns for their bounds, which may be empty."""
+    rows, text = [dict(_numbers(line)) for line in lines], StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(lines)
+    writer.writerows(rows)
     return text.getvalue()
 
 
-def as_markdown(comparison: Comparison) -> str:
-    """Return the table as Markdown with aligned columns, followed by the caption and the notes."""
-    rows = [_row(curve) for curve in comparison.curves]
-    head = [name.replace("_", " ") for name in rows[0]]
-    body = [[_text(value) for value in row.values()] for row in rows]
+def as_markdown(lines: Sequence[Line]) -> str:
+    """Return a table as Markdown with aligned columns and rounded numbers."""
+    body = [[_text(value).replace("|", "\\|") for value in line.values()] for line in lines]
+    head = [name.replace("_", " ") for name in lines[0]]
     widths = [max(map(len, column)) for column in zip(head, *body, strict=True)]
-    lines = [_line(head, widths), _line(["-" * width for width in widths], widths), *(_line(r, widths) for r in body)]
-    return "\n".join([*lines, "", CAPTION, *(f"\n{note}" for note in comparison.notes), ""])
+    rows = [head, ["-" * width for width in widths], *body]
+    return "".join(f"| {' | '.join(map(str.ljust, row, widths))} |\n" for row in rows)
 
 
-def as_table(comparison: Comparison) -> Table:
-    """Return the table for a terminal, narrow enough for 80 columns."""
-    rows = [_row(curve) for curve in comparison.curves]
+def as_table(lines: Sequence[Line]) -> Table:
+    """Return a table for a terminal, narrow enough for 80 columns."""
     table = Table(box=None, pad_edge=False)
-    for name in rows[0]:
+    for name in lines[0]:
         table.add_column(name.replace("_", "\n"), no_wrap=name != "curve", overflow="fold")
-    for row in rows:
-        label, *values = row.values()
-        table.add_row(Text(truncated(label)), *(Text(_plain(value).replace(" ", "\n")) for value in values))
+    for line in lines:
+        label, *values = line.values()
+        table.add_row(Text(truncated(label)), *(Text(_text(value).replace(" ", "\n")) for value in values))
     return table
 
 
-def _row(curve: LearningCurve) -> dict[str, Any]:
-    amounts = {"runs": len(curve.returns), "episodes": float(curve.episodes[-1]), "steps": curve.steps}
-    return {"curve": curve.label, **amounts, **vars(curve.aggregates())}
-
-
-def _numbers(row: dict[str, Any]) -> Iterator[tuple[str, object]]:
-    """Yield the entries of a row by column, with separate columns for the bounds of an estimate."""
-    for name, value in row.items():
-        if not isinstance(value, Estimate):
+def _numbers(line: Line) -> Iterator[tuple[str, object]]:
+    for name, value in line.items():
+        if isinstance(value, Estimate):
+            yield name, value.value
+            for bound in ("low", "high"):
+                number = getattr(value, bound)
+                yield f"{name}_{bound}", "" if np.isnan(number) else number
+        else:
             yield name, value
-            continue
-        yield name, value.value
-        for bound in ("low", "high"):
-            number = getattr(value, bound)
-            yield f"{name}_{bound}", "" if np.isnan(number) else number
-
-
-def _plain(value: object) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def _text(value: object) -> str:
-    return _plain(value).replace("|", "\\|")
-
-
-def _line(words: Sequence[str], widths: Sequence[int]) -> str:
-    return f"| {' | '.join(word.ljust(width) for word, width in zip(words, widths, strict=True))} |"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from io import StringIO
 from itertools import product
 from math import inf, prod
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -85,65 +83,23 @@ def require_evaluated(config: Config) -> None:
     )
 
 
-class Outcome(NamedTuple):
-    """Result of a run, or medians over several runs.
+def outcome(rows: Sequence[Row], thresholds: Sequence[float]) -> dict[str, float]:
+    """Return the result of a run: its last and its greatest evaluation return, and the episodes to each threshold.
 
-    Attributes:
-        final: last evaluation return.
-        best: greatest evaluation return.
-        episodes_to: number of exploration episodes until each threshold was reached; infinity if it was not.
+    Args:
+        rows: learning curve of the run, with at least one evaluation.
+        thresholds: returns; the number of exploration episodes until one is reached is infinite if it never was.
     """
-
-    final: float
-    best: float
-    episodes_to: tuple[float, ...]
-
-    @classmethod
-    def of(cls, rows: Sequence[Row], thresholds: Sequence[float]) -> Outcome:
-        """Return the result of a run from its curve."""
-        evaluated = [row for row in rows if not np.isnan(row.evaluation_return)]
-        returns = [row.evaluation_return for row in evaluated]
-        reached = (
-            next((float(row.episodes) for row in evaluated if row.evaluation_return >= least), inf)
-            for least in thresholds
-        )
-        return cls(returns[-1], max(returns), tuple(reached))
-
-    @classmethod
-    def median(cls, outcomes: Sequence[Outcome]) -> Outcome:
-        """Return the medians over runs."""
-        reached = zip(*(each.episodes_to for each in outcomes), strict=True)
-        return cls(
-            median(each.final for each in outcomes), median(each.best for each in outcomes), tuple(map(median, reached))
-        )
+    evaluated = [row for row in rows if not np.isnan(row.evaluation_return)]
+    returns = [row.evaluation_return for row in evaluated]
+    reached = {least: [row.episodes for row in evaluated if row.evaluation_return >= least] for least in thresholds}
+    episodes = {f"episodes_to_{least:g}": float(some[0]) if some else inf for least, some in reached.items()}
+    return {"final_return": returns[-1], "best_return": max(returns), **episodes}
 
 
-def as_csv(head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]) -> str:
-    """Return a table as CSV with all digits; each line holds its labels and its outcome."""
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*head, *_columns(thresholds, "_")])
-    writer.writerows([*about, *_flat(outcome)] for about, outcome in lines)
-    return text.getvalue()
-
-
-def as_markdown(
-    head: Sequence[str], thresholds: Sequence[float], lines: Iterable[tuple[Sequence[object], Outcome]]
-) -> str:
-    """Return the same table as Markdown with rounded numbers."""
-    names = [*head, *_columns(thresholds, " ")]
-    body = [[*map(str, about), *(f"{number:.5g}" for number in _flat(outcome))] for about, outcome in lines]
-    rows = [names, ["---"] * len(names), *body]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
-
-
-def _columns(thresholds: Sequence[float], space: str) -> list[str]:
-    names = ["final return", "best return", *(f"episodes to {least:g}" for least in thresholds)]
-    return [name.replace(" ", space) for name in names]
-
-
-def _flat(outcome: Outcome) -> list[float]:
-    return [outcome.final, outcome.best, *outcome.episodes_to]
+def medians(outcomes: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the medians of the results of several runs."""
+    return {name: median(each[name] for each in outcomes) for name in outcomes[0]}
 
 
 def indexed_folder(folder: Path, config: Config) -> Path:

@@ -17,7 +17,7 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.paper.experiment import known, load_experiment
-from rkhs_ros.paper.reproduce import draw_experiment, load_table, reproduce
+from rkhs_ros.paper.reproduce import draw_experiment, reproduce
 from rkhs_ros.pictures.comparison import draw_comparison, format_of
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
@@ -43,16 +43,17 @@ def _compare(options: argparse.Namespace) -> int:
     comparison = compare(options.folders)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     draw_comparison(options.out, comparison)
-    tables = {options.out.with_suffix(".csv"): as_csv, options.out.with_suffix(".md"): as_markdown}
-    for path, content in tables.items():
-        write_whole(path, content(comparison).encode())
+    table = comparison.table
+    files = {options.out.with_suffix(".csv"): as_csv(table), options.out.with_suffix(".md"): str(comparison)}
+    for path, content in files.items():
+        write_whole(path, content.encode())
     console = Console()
     if console.is_terminal:  # fit the table to its width
         about = [CAPTION.replace("\n", " "), *comparison.notes]
-        console.print(as_table(comparison), *(Text(f"\n{each}") for each in about), "", sep="\n")
+        console.print(as_table(table), *(Text(f"\n{each}") for each in about), "", sep="\n")
     else:
         print(comparison)
-    print(f"Picture and tables: {', '.join(map(str, [options.out, *tables]))}")
+    print(f"Picture and tables: {', '.join(map(str, [options.out, *files]))}")
     return 0
 
 
@@ -108,29 +109,32 @@ def _sweep(options: argparse.Namespace) -> int:
 
 def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], Path], least: Sequence[float]) -> None:
     """Write the tables and the picture, and print the table of medians, best point first."""
-    each = {key: grid.Outcome.of(Curve(path / "curve.csv").rows(), least) for key, path in folders.items()}
-    lines = [((*_values(key[0]), key[1], folder.name), each[key]) for key, folder in folders.items()]
-    write_whole(out / "runs.csv", grid.as_csv([*names, "seed", "folder"], least, lines).encode())
-    grouped: dict[Point, list[grid.Outcome]] = {}
+    each = {key: grid.outcome(Curve(path / "curve.csv").rows(), least) for key, path in folders.items()}
+    lines = [
+        {**_settings(names, point), "seed": seed, "folder": folder.name, **each[point, seed]}
+        for (point, seed), folder in folders.items()
+    ]
+    write_whole(out / "runs.csv", as_csv(lines).encode())
+    grouped: dict[Point, list[Mapping[str, float]]] = {}
     for (point, _), outcome in each.items():
         grouped.setdefault(point, []).append(outcome)
-    medians = {point: grid.Outcome.median(outcomes) for point, outcomes in grouped.items()}
-    ranked = sorted(medians, key=lambda point: -medians[point].final)
-    rows = [((*_values(point), len(grouped[point])), medians[point]) for point in ranked]
-    write_whole(out / "medians.csv", grid.as_csv([*names, "runs"], least, rows).encode())
-    table = grid.as_markdown([*names, "runs"], least, rows)
+    medians = {point: grid.medians(outcomes) for point, outcomes in grouped.items()}
+    ranked = sorted(medians, key=lambda point: -medians[point]["final_return"])
+    rows = [{**_settings(names, point), "runs": len(grouped[point]), **medians[point]} for point in ranked]
+    write_whole(out / "medians.csv", as_csv(rows).encode())
+    table = as_markdown(rows)
     write_whole(out / "medians.md", table.encode())
     last = [name.rpartition(".")[2] for name in names]
     short = last if len(set(last)) == len(last) else names
     drawn = ((point, path) for (point, _), path in folders.items() if point in ranked[:MOST_DRAWN])
-    labels = {path: ", ".join(map("{}={}".format, short, _values(point))) for point, path in drawn}
+    labels = {path: ", ".join(map("{}={}".format, short, _settings(names, point).values())) for point, path in drawn}
     draw_comparison(out / "comparison.png", compare(list(labels), labels))
     print(table)
     print(f"Medians over the seeds. Tables and picture: {out}/runs.csv, medians.csv, medians.md and comparison.png")
 
 
-def _values(point: Point) -> list[str]:
-    return [change.partition("=")[2] for change in point]
+def _settings(names: Sequence[str], point: Point) -> dict[str, str]:
+    return {name: change.partition("=")[2] for name, change in zip(names, point, strict=True)}
 
 
 def add_reproduce(parser: argparse.ArgumentParser) -> None:
@@ -150,8 +154,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     names = list(known()) if options.figure == "all" else [options.figure]
     for experiment in [load_experiment(name) for name in names]:
         make = partial(make_missing, jobs=options.jobs, title=experiment.name, quiet=options.quiet)
-        table = reproduce(experiment, options.out.resolve(), make, runs=options.runs or experiment.runs)
-        picture = table.with_suffix(".png")
-        draw_experiment(picture, experiment, load_table(table))
-        print(f"{experiment.name}: {table} and {picture}")
+        picture = options.out.resolve() / f"{experiment.name}.png"
+        table = reproduce(experiment, picture.parent, make, runs=options.runs or experiment.runs)
+        draw_experiment(picture, experiment, table)
+        print(f"{experiment.name}: {picture.with_suffix('.csv')} and {picture}")
     return 0

@@ -4,12 +4,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rkhs_ros.app.study import make_missing
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
-from rkhs_ros.paper.reproduce import draw_experiment, load_table, reproduce
+from rkhs_ros.paper.reproduce import Table, draw_experiment, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs import report
@@ -19,7 +20,7 @@ SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_ep
 PAPER_RUNS = {"fig1": 50, "fig2": 50, "fig3-toy": 50, "fig3-pendulum": 15, "fig5-pomdp": 10, "fig5-pr2": 5}
 
 
-def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -> Path:
+def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -> Table:
     make = partial(make_missing, jobs=jobs, title="small", quiet=True)
     return reproduce(experiment, out, make, runs=runs)
 
@@ -64,13 +65,16 @@ def test_every_curve_of_a_figure_has_a_distinct_configuration(name: str) -> None
 @pytest.mark.slow
 def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, tmp_path: Path) -> None:
     table = make_table(experiment, tmp_path, runs=2)
-    lines = list(csv.DictReader(table.open()))
+    lines = list(csv.DictReader((tmp_path / "small.csv").open()))
     assert len(lines) == 2 * (2 + 2 + 3)
+    assert [float(line["evaluation_return"]) for line in lines[-3:]] == pytest.approx(
+        table["right", "longer"].evaluation[1], abs=5e-4
+    )
     config = experiment.panels[0].curves[1].run(1)
     runner = InlineRunner(Simulation(config.environment.id))
     expected = [iteration.evaluation_returns.mean() for iteration in train(config.training, runner)]
-    returns = load_table(table)["left", "ac"]
-    assert returns.evaluation[1] == pytest.approx(expected, abs=5e-4)  # three decimals are written
+    returns = table["left", "ac"]
+    assert returns.evaluation[1].tolist() == expected
     assert returns.episodes.tolist() == [2, 4]
 
 
@@ -82,10 +86,10 @@ def test_an_interrupted_experiment_runs_only_what_is_missing(
     lost, *finished = sorted((tmp_path / "runs").iterdir())
     lost.rename(tmp_path / "elsewhere")
     before = [files(run) for run in finished]
-    assert make_table(experiment, tmp_path, runs=1).read_bytes() == whole
+    make_table(experiment, tmp_path, runs=1)
+    assert table.read_bytes() == whole
     assert [files(run) for run in finished] == before
-    make_table(experiment, tmp_path, runs=2, jobs=2)
-    assert load_table(table)["right", "longer"].runs == 2
+    assert len(make_table(experiment, tmp_path, runs=2, jobs=2)["right", "longer"].evaluation) == 2
     assert [files(run) for run in finished] == before
 
 
@@ -105,12 +109,13 @@ def test_runs_of_other_versions_are_repeated(
 
 
 @pytest.mark.slow
-def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path, finished: Path) -> None:
-    table = load_table(next(finished.glob("*.csv")))
+@pytest.mark.usefixtures("table")
+def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
+    table = make_table(experiment, tmp_path, runs=1)
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")
-    changed = {**table, key: replace(table[key], evaluation=table[key].evaluation + 1.0)}
+    changed = {**table, key: table[key]._replace(evaluation=table[key].evaluation + 1.0)}
     draw_experiment(pictures[1], experiment, changed)
     one, other = (picture.read_bytes() for picture in pictures)
     assert one[:8] == b"\x89PNG\r\n\x1a\n"
@@ -121,8 +126,10 @@ def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path, finis
 def test_the_page_of_results_has_the_returns_of_the_figures(name: str) -> None:
     section = (ROOT / "docs" / "results.md").read_text().split(f"\n## {name}\n")[1].split("\n## ")[0]
     rows = [tuple(line.strip("| ").split(" | ")) for line in section.splitlines() if line.startswith("| ")][1:]
-    table = load_table(ROOT / "docs" / "results" / f"{name}.csv")
+    final: dict[tuple[str, str], dict[str, float]] = {}
+    for line in csv.DictReader((ROOT / "docs" / "results" / f"{name}.csv").open()):
+        final.setdefault((line["panel"], line["curve"]), {})[line["run"]] = float(line["evaluation_return"])
+    lasts = {key: np.array(list(each.values())) for key, each in final.items()}
     assert {row[:2]: row[5:] for row in rows} == {
-        key: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std()))
-        for key, last in ((key, returns.evaluation[:, -1]) for key, returns in table.items())
+        key: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std())) for key, last in lasts.items()
     }

@@ -197,7 +197,7 @@ def experiment_of(panels: int, curves: int, runs: int, iterations: int, size: fl
         made.append(Panel(title, tuple(Curve(label, CONFIG, ()) for label in labels)))
         for label in labels:
             earned = size * rng.gamma(0.1, size=(runs, iterations))
-            table[title, label] = Returns(10.0 * np.arange(1, iterations + 1), earned, earned)
+            table[title, label] = Returns(10.0 * np.arange(1, iterations + 1), earned)
     return Experiment("fig9", "Inverted pendulum, partially observed", runs, "sd", tuple(made)), table
 
 

@@ -15,7 +15,7 @@ from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import resolved
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
-from rkhs_ros.studies.comparison import as_markdown, compare
+from rkhs_ros.studies.comparison import compare
 from test.unit.conftest import Result, model_free
 
 pytestmark = pytest.mark.slow
@@ -141,7 +141,7 @@ def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     note, areas = comparison.notes
     assert areas.startswith("The areas under the curves are not comparable")
     assert note == f"Compared up to 25 exploration episodes, the end of the shortest run: {tmp_path / 'slow'}."
-    assert note in as_markdown(comparison)
+    assert note in str(comparison)
 
 
 def test_curves_contain_the_iterations_that_all_runs_evaluated(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.studies.grid import Outcome, parse_variations, points
+from rkhs_ros.studies.grid import outcome, parse_variations, points
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
@@ -49,7 +49,8 @@ def row(episodes: int, value: float) -> Row:
 
 def test_an_outcome_has_final_and_best_return_and_episodes_to_thresholds() -> None:
     rows = [row(2, 1.0), row(4, NAN), row(6, 5.0), row(8, 2.0), row(10, NAN)]
-    assert Outcome.of(rows, (2.0, 5.0, 5.1)) == (2.0, 5.0, (6.0, 6.0, float("inf")))
+    expected = {"final_return": 2.0, "best_return": 5.0, "episodes_to_2": 6.0, "episodes_to_5": 6.0}
+    assert outcome(rows, (2.0, 5.0, 5.1)) == expected | {"episodes_to_5.1": float("inf")}
 
 
 @pytest.fixture(scope="module")
