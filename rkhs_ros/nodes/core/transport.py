@@ -25,13 +25,6 @@ def node_names(robot: Collection[str] = ()) -> list[str]:
     return [*([name for name in NODES if name in robot] or ["simulator"]), "policy", "learner"]
 
 
-def check_domain(environment: Mapping[str, str]) -> None:
-    """Raise ValueError if the domain of an environment is invalid, for which ROS would print a traceback."""
-    domain = environment.get(DOMAIN, "0") or "0"
-    good = domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN
-    require(good, DOMAIN, f"a whole number from 0 to {LAST_DOMAIN}", repr(domain))
-
-
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
     """Return the environment for nodes that use UDP only, on this machine unless configured otherwise.
 
@@ -44,7 +37,9 @@ def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
     Raises:
         ValueError: the domain is invalid.
     """
-    check_domain(environment)
+    domain = environment.get(DOMAIN, "0") or "0"  # ROS would print a traceback for an invalid one
+    good = domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN
+    require(good, DOMAIN, f"a whole number from 0 to {LAST_DOMAIN}", repr(domain))
     if environment.get("RMW_IMPLEMENTATION", FAST_DDS) != FAST_DDS or any(environment.get(name) for name in PROFILES):
         return dict(environment)
     reach = next((environment[name] for name in REACH if environment.get(name)), "LOCALHOST")
