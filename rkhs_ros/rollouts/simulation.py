@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from math import inf, prod
 from typing import Any, NamedTuple, TypeVar
 
@@ -83,17 +82,14 @@ class Simulation:
         self._envs = env_batch_of(environment, options, num_envs)
         self._step = self._horizon = 0
         self._frame: Frame
-        with ExitStack() as undo:
-            undo.callback(self.close)
+        try:
             self._describe()
-            undo.pop_all()
+        except BaseException:
+            self.close()
+            raise
 
     def _describe(self) -> None:
-        """Set the attributes that describe the task.
-
-        Raises:
-            ValueError: a space is not continuous.
-        """
+        """Set the attributes that describe the task."""
         actions = _continuous(self._envs.action_space, f"{self.environment} actions")
         _check_for_images(self._envs.observed, f"{self.environment} observations")
         self.observation_space = _continuous(self._envs.observation_space, f"{self.environment} observations")
@@ -193,14 +189,12 @@ class Simulation:
             if not all_within(values, LARGEST):
                 i, *column = np.argwhere(~(np.abs(values) <= LARGEST))[0].tolist()  # nan compares false
                 place = f" in column {column[0]}" if column else ""
+                moment = f"in step {self._step}" if self._step else "after its reset"
                 raise RunError(
-                    f"{self.environment}: {quantity} of environment {i} {self._moment()}: expected finite numbers of "
+                    f"{self.environment}: {quantity} of environment {i} {moment}: expected finite numbers of "
                     f"at most {LARGEST:g} in size, got {values[i, *column]}{place}"
                 )
         return frame
-
-    def _moment(self) -> str:
-        return f"in step {self._step}" if self._step else "after its reset"
 
 
 def _where_active(before: Frame, frame: Frame) -> Frame:

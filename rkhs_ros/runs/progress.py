@@ -97,10 +97,8 @@ def _bar(training: Training, done: int, console: Console, *, quiet: bool, is_rob
                 mean = f"{iteration.evaluation_return:.4g}"
             text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
             progress.update(bar, advance=1, returns=text)
-            if text := _found(iteration, is_robot=is_robot):
-                console.print(f"{training.name}: found {text}", markup=False, highlight=False)
-            if advice is not None:
-                console.print(f"{training.name}: {advice}", markup=False, highlight=False)
+            for line in _notes(iteration, training, advice, is_robot=is_robot):
+                console.print(line, markup=False, highlight=False)
 
         yield show
 
@@ -118,20 +116,21 @@ def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
             text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
             print(text, file=sys.stderr, flush=True)
             due = time.monotonic() + LINE_PERIOD_S
-        if text := _found(iteration, is_robot=is_robot):
-            print(f"{training.name}: found {text}", file=sys.stderr, flush=True)
-        if advice is not None:
-            print(f"{training.name}: iteration {iteration.number}: {advice}", file=sys.stderr, flush=True)
+        for line in _notes(iteration, training, advice, is_robot=is_robot):
+            print(line, file=sys.stderr, flush=True)
 
     return show
 
 
-def _found(iteration: Iteration, *, is_robot: bool) -> str:
-    """Return what an iteration has found about the task; for a robot, with the period of the same decision rate."""
-    text, repeat = " ".join(settings_of(iteration.before, iteration.known)), iteration.policy.action_repeat
-    if not is_robot or repeat in (1, iteration.before.action_repeat):
-        return text
-    return f"{text}; a period {repeat} times as long gives the same decision rate"
+def _notes(iteration: Iteration, training: Training, advice: Advice | None, *, is_robot: bool) -> Iterator[str]:
+    """Yield what an iteration has found, for a robot with the period of the same decisions, and advice."""
+    if found := " ".join(settings_of(iteration.before, iteration.known)):
+        repeat = iteration.policy.action_repeat
+        is_slower = is_robot and repeat not in (1, iteration.before.action_repeat)
+        period = f"; a period {repeat} times as long gives the same decision rate" if is_slower else ""
+        yield f"{training.name}: found {found}{period}"
+    if advice is not None:
+        yield f"{training.name}: iteration {iteration.number}: {advice}"
 
 
 def _undiscounted(iteration: Iteration, training: Training) -> str:

@@ -288,15 +288,10 @@ def _end(rows: list[Row], folder: Path) -> str:
     final_evaluation = folder / FINAL_EVALUATION
     is_kept = at is not last and not (final_evaluation.is_file() and KEPT_LAST in final_evaluation.read_text())
     file = f", {BEST_POLICY}" if is_kept else ""
-    final = f"{last.evaluation_return:.4g}{_undiscounted(last)} in the last evaluation{end}"
+    total = last.undiscounted_evaluation_return
+    undiscounted = f" (undiscounted {total:.4g})" if total != last.evaluation_return else ""
+    final = f"{last.evaluation_return:.4g}{undiscounted} in the last evaluation{end}"
     return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"
-
-
-def _undiscounted(row: Row) -> str:
-    """Return the undiscounted evaluation return in brackets; empty if it is unknown or no other return."""
-    differs = row.undiscounted_evaluation_return != row.evaluation_return
-    known = not isnan(row.undiscounted_evaluation_return)
-    return f" (undiscounted {row.undiscounted_evaluation_return:.4g})" if known and differs else ""
 
 
 def _episodes(count: int) -> str:

@@ -37,7 +37,7 @@ for _id, (_task, _horizon) in TASKS.items():
 
 register(  # by name, because it needs PyBullet, which is optional
     id="rkhs/PR2Door-v0",
-    entry_point="sim_nodes.pr2.environment:SinglePR2Door",
+    entry_point="sim_nodes.pr2.environment:single",
     vector_entry_point="sim_nodes.pr2.environment:PR2Door",
     max_episode_steps=1,
 )

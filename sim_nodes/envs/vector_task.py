@@ -263,9 +263,14 @@ class SingleTask(gymnasium.Env[Array, Array]):
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Make one step."""
         observations, rewards, terminated, truncated, info = self.task.step(np.asarray(action)[None])
+        info = {name: values[0].item() for name, values in info.items()}
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> Any:
         """Return the picture of the current state, or the pictures since the last call."""
         frames = self.task.render()
         return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the task."""
+        self.task.close()

@@ -22,41 +22,22 @@ Frames = tuple[Array, Array]  # positions (k, 3) and rotations (k, 3, 3)
 
 
 class Joint(NamedTuple):
-    """A joint.
-
-    Attributes:
-        name: in the URDF.
-        kind: revolute, continuous or fixed.
-        parent: parent link.
-        child: child link.
-        origin: position in the parent's frame, shape (3,).
-        axis: of the motion, in the parent's frame, shape (3,).
-        lower: least angle, -inf for no limit.
-        upper: greatest angle, inf for no limit.
-        effort: greatest torque.
-        velocity: greatest speed.
-    """
+    """A joint between two links; origin and axis, of shape (3,), are in the parent's frame."""
 
     name: str
-    kind: str
+    kind: str  # revolute, continuous or fixed
     parent: str
     child: str
     origin: Array
     axis: Array
-    lower: float
+    lower: float  # -inf for no limit
     upper: float
-    effort: float
+    effort: float  # greatest torque
     velocity: float
 
 
 class Box(NamedTuple):
-    """A visible box of a link.
-
-    Attributes:
-        link: name of the link.
-        centre: in the link's frame, shape (3,).
-        body: size and colour.
-    """
+    """A visible box of a link, with its centre in the link's frame, shape (3,)."""
 
     link: str
     centre: Array
@@ -65,13 +46,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Description:
-    """The content of a URDF file.
-
-    Attributes:
-        root: name of the link without a parent.
-        joints: all joints.
-        boxes: all visible boxes.
-    """
+    """The content of a URDF file; the root is the link without a parent."""
 
     root: str
     joints: tuple[Joint, ...]

@@ -230,24 +230,6 @@ def _trajectories(pose: Array, trajectory: Trajectory | None) -> BodyTrajectorie
     return BodyTrajectories(np.arange(count) / RATE, places, quaternions(turns))
 
 
-class SinglePR2Door(SingleTask):
-    """The task as a single Gymnasium environment.
-
-    Args:
-        options: of `PR2Door`.
-    """
-
-    metadata = PR2Door.metadata
-    task: PR2Door
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(PR2Door(**options))
-
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Execute the action, which ends the episode."""
-        observation, reward, _, _, info = super().step(action)
-        return observation, reward, True, False, {name: values[0].item() for name, values in info.items()}
-
-    def close(self) -> None:
-        """Close the simulator."""
-        self.task.close()
+def single(**options: Any) -> SingleTask:
+    """Return the task as a single Gymnasium environment, with options of `PR2Door`."""
+    return SingleTask(PR2Door(**options))

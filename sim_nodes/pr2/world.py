@@ -86,12 +86,7 @@ class World:
             self.client.disconnect()
 
     def run(self, motion: Motion, base: Array) -> Trajectory:
-        """Execute a motion, starting with a shut door.
-
-        Args:
-            motion: of the arm and the gripper.
-            base: pose of the robot: x, y in metres, yaw in radians.
-        """
+        """Execute a motion, starting with a shut door, with the robot at a base x, y in metres, yaw in radians."""
         self._reset(motion, base)
         targets, speeds = _commands(motion)
         ticks = CONTROL_RATE // RATE

@@ -14,11 +14,7 @@ SETTINGS: dict[str, type[RobotSettings]] = {"motor_pendulum": MotorPendulumSetti
 
 
 def settings_of(name: str, section: Mapping[str, Any]) -> RobotSettings:
-    """Return the settings of a robot from a section of a parameter file.
-
-    Args:
-        name: of the robot.
-        section: settings without the robot's name.
+    """Return the settings of a robot from a section of a parameter file, which has no other keys.
 
     Raises:
         ValueError: the robot or a key is unknown, or a value is invalid.

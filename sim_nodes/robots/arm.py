@@ -87,9 +87,6 @@ class ArmRobot(Robot):
 
     Owns its drives, its body, the episode with its start time, and the stream of the sensors' noise.
 
-    Args:
-        settings: of the arm.
-
     Raises:
         ValueError: PyBullet is missing.
     """

@@ -137,9 +137,6 @@ class MotorPendulumRobot(Robot):
     """The pendulum as a simulated robot.
 
     Owns its state and the streams of its noise.
-
-    Args:
-        settings: of the robot.
     """
 
     def __init__(self, settings: MotorPendulumSettings) -> None:

@@ -23,14 +23,7 @@ TOLERANCE = 1e-6  # relative tolerance of limits, because values at a limit are 
 
 
 class JointReadings(NamedTuple):
-    """Readings of all joints at one time, as in `sensor_msgs/JointState`.
-
-    Attributes:
-        names: of the joints.
-        positions: rad.
-        velocities: rad/s.
-        efforts: N m.
-    """
+    """Readings of all joints at one time, as in `sensor_msgs/JointState`, in rad, rad/s and N m."""
 
     names: tuple[str, ...]
     positions: tuple[float, ...]
@@ -109,10 +102,6 @@ class Robot(ABC):
 
     Owns its state, an immutable value: its ``protection``, whether its motors are on (``is_driven``), and the states
     after a violation (``tripped``) and after a reset of the protective stop (``reset``).
-
-    Args:
-        settings: of the robot.
-        state: initial state.
     """
 
     def __init__(self, settings: RobotSettings, state: Any) -> None:
@@ -189,9 +178,6 @@ class Hardware:
 
     Owns the robot, the wires, and the numbers of steps and received commands. It has no clock; the caller passes the
     time.
-
-    Args:
-        robot: the robot.
     """
 
     def __init__(self, robot: Robot) -> None:
