@@ -26,8 +26,6 @@ NODE_PARAMETERS = {
     "policy": OF_ANY_NODE | {"policy_file"},
     "learner": OF_ANY_NODE | {"output", "quiet", "resume", "tensorboard", "evaluate"},
 }
-
-
 ROBOT_NODES = ("robot", "gate", "simulated_robot")  # nodes that replace the simulator
 
 
@@ -183,25 +181,11 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         require(bool(sections["learner"]), f"{path}", "a section /**/learner, which is required for robots", "none")
         settings = {key: value for key, value in sections["learner"].items() if key != "environment"}
         return _changed({"name": path.stem, **settings, **robot}, changes)
-    tree = {"name": path.stem, **sections["learner"], "environment": _environment(path, sections)}
+    environment = {**sections["learner"], **sections.get("simulator", {})}.get("environment", {})
+    tree = {"name": path.stem, **sections["learner"], "environment": environment}
     unknown = [key for key in sections.get("simulator", {}) if key != "environment"]
     require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
     return _changed(tree, changes)
-
-
-def _environment(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> Any:
-    """Return the environment in the section of the simulator or of the learner.
-
-    Raises:
-        ValueError: both sections contain an environment, and these differ.
-    """
-    places = (sections.get(node, {}) for node in ("simulator", "learner"))
-    given = [section["environment"] for section in places if "environment" in section]
-    if len(given) == 2:
-        simulated, expected = map(environment_from, given)
-        what = f"{path}: learner: environment"
-        require(simulated == expected, what, f"the environment of the simulator, {simulated}", expected)
-    return given[0] if given else {}
 
 
 def _nearest(path: Path) -> str:
@@ -228,13 +212,11 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     """
     changes = list(changes)
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})
-    algorithm, settings = (
-        _named(chosen, "algorithm", "name", "rkhs_nac"),
-        _named(chosen, "model", "form", "gaussian_process"),
-    )
+    algorithm = _named(chosen, "algorithm", "name", "rkhs_nac")
+    model = _named(chosen, "model", "form", "gaussian_process")
     steps = chosen.get("horizon", horizon or Training.horizon)
     tree = {"name": name_of_run(environment), "environment": {"id": environment}}
-    config = _changed(tree | settings_for(algorithm, settings, steps), changes)
+    config = _changed(tree | settings_for(algorithm, model, steps), changes)
     return replace(config, sets_horizon=horizon is not None or "horizon" in chosen)
 
 
@@ -290,12 +272,8 @@ def _sections(path: Path) -> dict[str, dict[str, Any]]:
         if node not in NODE_PARAMETERS:
             raise ValueError(f"{path}: unknown section '{truncated(name)}', {hint(node, NODE_PARAMETERS)}")
         settings = {key: value for key, value in parameters.items() if key not in NODE_PARAMETERS[node]}
-        require(
-            found.setdefault(node, settings) == settings,
-            f"{path}: {node}",
-            "equal sections in all namespaces",
-            "different ones",
-        )
+        same = found.setdefault(node, settings) == settings
+        require(same, f"{path}: {node}", "equal sections in all namespaces", "different ones")
     return {"learner": {}} | found
 
 

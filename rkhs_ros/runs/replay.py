@@ -10,7 +10,7 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.replay import check_actions
-from rkhs_ros.learning.state import State, first_state
+from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message
@@ -18,7 +18,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.recordings.recorder import update_fields
-from rkhs_ros.recordings.recording import Head, Recording
+from rkhs_ros.recordings.recording import Recording
 from rkhs_ros.runs.recorded import training_of
 
 
@@ -28,10 +28,6 @@ class DifferenceError(ValueError):
 
 class RecordedRunner:
     """Runner that returns recorded episodes instead of running new ones.
-
-    Args:
-        recording: recording of the run.
-        spaces: spaces of its task.
 
     Attributes:
         update: number of the current update.
@@ -89,9 +85,11 @@ def replay(recording: Recording) -> Iterator[Iteration]:
     head = recording.head
     if head is None or not recording.updates:
         raise ValueError("recording: expected the recording of a run with updates, got no updates")
+    given = recording.policies.get(1) if head.warm_start else None
+    require(given is not None or not head.warm_start, "recording", "the initial policy", "none")
     runner = RecordedRunner(recording, head.spaces)
     training = replace(training_of(head), iterations=len(recording.updates))
-    for iteration in train(training, runner, _first_state(recording, head, runner)):
+    for iteration in train(training, runner, first_state(training, head.spaces, given)):
         update = recording.updates[iteration.number - 1]
         where = f"update {iteration.number}"
         require(
@@ -102,13 +100,6 @@ def replay(recording: Recording) -> Iterator[Iteration]:
         runner.check_policy(iteration.policy, update.policy_version, where)
         runner.update += 1
         yield iteration
-
-
-def _first_state(recording: Recording, head: Head, runner: RecordedRunner) -> State:
-    """Return the initial state of the run; if an initial policy was given, it is the first recorded one."""
-    given = recording.policies.get(1) if head.warm_start else None
-    require(given is not None or not head.warm_start, "recording", "the initial policy", "none")
-    return first_state(training_of(head), runner.spaces, given)
 
 
 def _check_same(where: str, recorded: Any, again: Any) -> None:

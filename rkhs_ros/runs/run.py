@@ -27,10 +27,6 @@ OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration a
 OnAdvice = Callable[[Advice], None]
 
 
-def ignore_row(row: Row) -> None:
-    """No-op callback."""
-
-
 def run_training(
     config: Config,
     runner: RecordableRunner,
@@ -98,14 +94,15 @@ def training_steps(
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         found = read_checkpoint(folder, config)  # a new run has one if its initial policy was given
         if found is None:
-            _check_not_begun(folder)
+            results = [name for name in ("curve.csv", "policy.npz") if (folder / name).exists()]
+            require(not results, f"{folder / FILE}", f"the checkpoint of {', '.join(results)}", f"none. {REMEDY}")
         elif found.rows:
             _check_spaces(folder, found.state.policy, runner.spaces)
         if not is_started(folder):
             begin(folder, config)
         checkpoints = Checkpoints(folder, config)
         rows, best, given = found[1:] if found else ((), None, None)
-        events = logged(folder, rows) if tensorboard else nullcontext(ignore_row)
+        events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
         with recorded(config, runner, folder, found, sync=sync) as recorder, events as log_row:
             first = recorder.state
             if first is None:
@@ -116,7 +113,11 @@ def training_steps(
             is_robot = bool(config.environment.nodes)
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
             with finished(report, checkpoints), bar as show:
-                diagnosis = _diagnosis(config, runner.spaces, report)
+                earlier = [
+                    Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)
+                    for row in report.rows
+                ]
+                diagnosis = Diagnosis(runner.spaces, earlier, advice_in(folder))
                 for iteration in train(config.training, recorder, first):
                     recorder.updated(iteration)
                     report.add(iteration)
@@ -142,14 +143,6 @@ def _unrecorded(runner: RecordableRunner) -> Iterator[None]:
         runner.record = record
 
 
-def _diagnosis(config: Config, spaces: Spaces, report: Report) -> Diagnosis:
-    """Return the diagnosis of a run, which continues that of its earlier iterations."""
-    earlier = [
-        Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error) for row in report.rows
-    ]
-    return Diagnosis(spaces, earlier, advice_in(report.folder))
-
-
 def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -> Advice | None:
     """Store advice and pass it to the callback; return it if there is no callback."""
     if advice is not None:
@@ -157,12 +150,6 @@ def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -
         if on_advice is not None:
             on_advice(advice)
     return None if on_advice is not None else advice
-
-
-def _check_not_begun(folder: Path) -> None:
-    """Raise ValueError if a folder without a checkpoint has results, which a run would replace."""
-    results = [name for name in ("curve.csv", "policy.npz") if (folder / name).exists()]
-    require(not results, f"{folder / FILE}", f"the checkpoint of {', '.join(results)}", f"none. {REMEDY}")
 
 
 def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:

@@ -85,13 +85,6 @@ def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-def test_a_lost_best_policy_is_restored_from_the_checkpoint(tmp_path: Path, whole: dict[str, object]) -> None:
-    folder = stopped(tmp_path / "run", 4)
-    best = folder / "best_policy.npz"
-    best.write_bytes(b"damaged")
-    assert results(resumed(folder)) == whole
-
-
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     (folder / "policy.npz").unlink()  # like a run that is killed before its end

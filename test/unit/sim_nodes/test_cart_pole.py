@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.optimize import curve_fit
 
 from rkhs_ros.app.inline import untuned_config
 from rkhs_ros.rollouts.environments import time_limit
@@ -55,17 +54,6 @@ def test_energy_and_momentum_are_conserved_without_friction_and_force() -> None:
     _, v, angle, w = states.T
     momentum = (task.cart_mass + task.mass) * v + task.mass * task.length * w * np.cos(angle) / 2
     np.testing.assert_allclose(momentum, momentum[0], rtol=1e-6)
-
-
-def test_small_swings_have_the_frequency_of_the_linear_equations() -> None:
-    task = Frictionless()
-    angles = states_under(task, np.zeros(60), (0.0, 0.0, 1e-3, 0.0))[:, 2]
-    total, m = task.cart_mass + task.mass, task.mass
-    frequency = np.sqrt(6 * total * task.gravity / (task.length * (4 * total - 3 * m)))  # rad/s, 6.87
-    times = task.step_seconds * np.arange(61)
-    np.testing.assert_allclose(angles, 1e-3 * np.cos(frequency * times), atol=1e-8)
-    (fitted,), _ = curve_fit(lambda t, f: 1e-3 * np.cos(f * t), times, angles, p0=[6.8])
-    assert fitted == pytest.approx(frequency, rel=1e-5)
 
 
 @pytest.mark.parametrize("rate", [10.0, 33.0])
