@@ -23,19 +23,9 @@ ZEROS: dict[str, Any] = {"string": "", "bool": False}  # the other types are num
 @cache
 def store() -> Typestore:
     """Return our message types."""
-    return _with_ours("EMPTY")
-
-
-@cache
-def store_of_all() -> Typestore:
-    """Return the message types of ROS 2 Jazzy, and ours."""
-    return _with_ours("ROS2_JAZZY")
-
-
-def _with_ours(name: str) -> Typestore:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # here, since the import takes 0.1 s
 
-    types = get_typestore(Stores[name])
+    types = get_typestore(Stores.EMPTY)
     for path in sorted(FOLDER.glob("*.msg")):
         types.register(get_types_from_msg(path.read_text(), PACKAGE + path.stem))
     return types

@@ -12,7 +12,7 @@ import numpy as np
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Execution
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.recordings.batches import RecordedBatch
+from rkhs_ros.recordings.recording import RecordedBatch
 from rkhs_ros.rkhs.kernels import Array
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import doubles, policy_message, spaces_fields
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import ARRAYS
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import PACKAGE, Types, decoded, definition, encoded
 from rkhs_ros.recordings.recording import (
@@ -31,6 +31,7 @@ from rkhs_ros.recordings.recording import (
 )
 
 TYPES = Types()
+ARRAYS = [f.name for f in fields(Episodes)]
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
 
 

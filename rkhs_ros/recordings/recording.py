@@ -1,27 +1,76 @@
 """Content of a recording as values: header, policies, batches of episodes and updates."""
 
+from __future__ import annotations
+
 import json
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_of, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.container import Stored, read_messages
-from rkhs_ros.recordings.definitions import PACKAGE, decoded, store_of_all
+from rkhs_ros.recordings.definitions import PACKAGE, decoded
 
 FILE = "recording.mcap"
 BAG = "metadata.yaml"  # in the folder of a bag
+
+
+class RecordedBatch(NamedTuple):
+    """Recorded batch of episodes.
+
+    Attributes:
+        batch: numbers of the episodes.
+        version: version of the policy that acted.
+        episodes: observations, actions and rewards.
+        executions: executions of the episodes on a robot; empty for a simulation.
+        time: time of the recording in nanoseconds since 1970.
+    """
+
+    batch: Batch
+    version: int
+    episodes: Episodes
+    executions: list[Execution]
+    time: int
+
+    @property
+    def is_discarded(self) -> bool:
+        """Whether the batch was discarded, so that it is not used for training."""
+        return any(execution.discard_reason for execution in self.executions)
+
+    @property
+    def attempt(self) -> tuple[Batch, tuple[bytes, ...]]:
+        """Key of this attempt at the episodes: their numbers and the time stamps of a robot."""
+        return self.batch, tuple(execution.stamps.tobytes() for execution in self.executions)
+
+    def single_episodes(self) -> list[RecordedBatch]:
+        """Return each episode as a separate batch."""
+        singles = [slice(i, i + 1) for i in range(self.batch.num_envs)]
+        return [
+            self._replace(batch=batch, episodes=self.episodes.take(single), executions=self.executions[single])
+            for batch, single in zip(self.batch.parts(1), singles, strict=True)
+        ]
+
+
+def countable(batches: Iterable[RecordedBatch]) -> dict[Batch, RecordedBatch]:
+    """Return the completed episodes by number, sorted by time: the last finished, not discarded attempt at each.
+
+    A veto may discard an attempt after it finished. The recording then contains the attempt twice with equal time
+    stamps, and the attempt is omitted, whichever of the two is read first.
+    """
+    episodes = [episode for batch in batches for episode in batch.single_episodes()]
+    discarded = {episode.attempt for episode in episodes if episode.is_discarded}
+    finished = sorted((each for each in episodes if each.attempt not in discarded), key=lambda each: each.time)
+    return {each.batch: each for each in finished}
 
 
 @dataclass(frozen=True)
@@ -246,18 +295,8 @@ def own_messages(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
 
 def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield the type, the time and the content of each message of this project in a bag."""
-    files = sorted(folder.glob("*.mcap"))
-    if files:
-        yield from own_messages(
-            sorted((each for file in files for each in intact_messages(file)), key=lambda each: each.time)
-        )
-        return
-    from rosbags.highlevel import AnyReader  # here, since the import takes 0.2 s
-
-    with AnyReader([folder], default_typestore=store_of_all()) as reader:
-        ours = [connection for connection in reader.connections if connection.msgtype.startswith(PACKAGE)]
-        for connection, time, content in reader.messages(ours):
-            yield connection.msgtype, time, reader.deserialize(content, connection.msgtype)
+    messages = [each for file in folder.glob("*.mcap") for each in intact_messages(file)]
+    yield from own_messages(sorted(messages, key=lambda each: each.time))
 
 
 def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:

@@ -19,10 +19,9 @@ from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder, read_held
-from rkhs_ros.recordings.recording import FILE, Head
+from rkhs_ros.recordings.recording import FILE, Head, RecordedBatch
 from rkhs_ros.runs.checkpoint import FREE, Checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.report import provenance_lines, resolved

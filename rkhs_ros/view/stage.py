@@ -27,8 +27,6 @@ MARKER = 0.011  # radius of the marker on the picture, relative to the picture's
 MARK = (0, 230, 115)
 CELLS_ACROSS = 12  # of the floor's grid, about
 FLOOR_EXTENT = 1.5  # relative to the task's
-FRONT, SIDE, ABOVE = CAMERAS = ("Front", "Side", "Above")
-SIDE_ANGLE, SIDE_RISE = np.deg2rad(60.0), 0.35  # turn about the vertical axis, and rise of the direction
 
 
 class Stage:
@@ -39,8 +37,7 @@ class Stage:
     Args:
         server: server of the page.
         task: task with 3D bodies.
-        has_depth: whether the bodies are more than a picture; if so, they stand on a floor with a grid, and buttons
-            select the camera's direction.
+        has_depth: whether the bodies are more than a picture; if so, they stand on a floor with a grid.
     """
 
     def __init__(self, server: ViserServer, task: ShowsBodies, *, has_depth: bool) -> None:
@@ -56,7 +53,6 @@ class Stage:
         self._arrange(low, high)
         if has_depth:
             self._lay_floor(low, high)
-            self._offer_cameras(low, high)
         self._backdrop: Any = None
         self._picture: Any = None
         self._mark: Any = None
@@ -94,29 +90,6 @@ class Stage:
         size, middle = cell * np.ceil(extent / cell), (low + high) / 2
         lines: Any = {"cell_size": cell, "section_size": 5 * cell, "shadow_opacity": 0.0}
         self._server.scene.add_grid("/floor", size, size, position=(middle[0], middle[1], low[2]), **lines)
-
-    def _offer_cameras(self, low: Array, high: Array) -> None:
-        """Add a button for each direction of the camera."""
-        hint = "Front: the task and the policy plot. Side, Above: the task. Drag with the mouse to turn the view."
-        buttons = self._server.gui.add_button_group("Camera", CAMERAS, hint=hint)
-        middle, size = (low + high) / 2, np.full(2, FLOOR_EXTENT * float(np.linalg.norm(high - low)))
-
-        @buttons.on_click
-        def _(event: Any) -> None:
-            camera = event.client.camera
-            if event.target.value == FRONT:
-                _aim(camera, camera.aspect, *self._front)
-            else:
-                _aim(camera, camera.aspect, middle, size, self._direction(event.target.value))
-
-    def _direction(self, camera: str) -> Array:
-        """Return the direction to a camera beside or above the task, a unit vector."""
-        if camera == SIDE:
-            turn = SO3.from_z_radians(SIDE_ANGLE).as_matrix()
-            direction = turn @ (self._eye * (1.0, 1.0, 0.0)) + (0.0, 0.0, SIDE_RISE)
-        else:
-            direction = np.array(UP) + 0.05 * self._eye  # the view of a vertical camera has no upper edge
-        return np.asarray(direction / np.linalg.norm(direction))
 
     def set_picture(self, figure: Figure, points: Array) -> None:
         """Show a policy plot beside or above the task.

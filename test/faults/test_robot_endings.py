@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from std_srvs.srv import Trigger
 
-from rkhs_ros.recordings.batches import RecordedBatch
-from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.recordings.recording import RecordedBatch, read_recording
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.replay import replay
 from test.ros.conftest import Probe, Process, kill, nodes_of, probe

@@ -117,19 +117,6 @@ def test_the_scene_fits_into_the_first_window(chromium: Browser, serve: Serve, f
     assert has_free_edges(settled(tab)[150:, :878])  # beside the panel, below the browser's notification
 
 
-@pytest.mark.parametrize("height", [560, 800])
-def test_on_a_phone_the_controls_are_below_the_whole_scene(
-    chromium: Browser, serve: Serve, folder: Path, height: int
-) -> None:
-    tab = chromium.open(serve("view", folder).address, 420, height)
-    tab.click_on("document.querySelector('.mantine-Notification-closeButton')")
-    top = round(0.4 * height)
-    tab.wait_for(f"(b => b.left === 0 && b.right === 420 && b.top === {top})({PANEL_BOX})")
-    shown(tab, lambda picture: near(picture[:top], RED, 60) + near(picture[:top], BLUE, 60) > 2_000)
-    stop_playing(tab)
-    assert has_free_edges(settled(tab)[:top])  # with the panel's shadow, which is grey
-
-
 def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.mcap"
     shutil.copy(folder / "recording.mcap", alone)

@@ -141,8 +141,7 @@ def _export(options: argparse.Namespace) -> int:
         )
         return 0
     require_extra("viser", "view", "export")
-    from rkhs_ros.view.html_page import html_page
-    from rkhs_ros.view.serving import source_of
+    from rkhs_ros.view.serving import html_page, source_of
 
     write_whole(file, html_page(source_of(source)).encode())
     print(f"Exported the page of the run: {file}")

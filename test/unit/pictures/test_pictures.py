@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-import matplotlib as mpl
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
@@ -25,7 +24,7 @@ from rkhs_ros.pictures.known import names_of, success_reward
 from rkhs_ros.pictures.policy_axes import PolicyAxes, most_informative, on_slice
 from rkhs_ros.pictures.policy_figure import draw_policy, policy_figure
 from rkhs_ros.pictures.run_pictures import attempts_figure, curve_figure
-from rkhs_ros.pictures.style import COLOURS, SIGNED, UNSIGNED, legend_above, sheet
+from rkhs_ros.pictures.style import legend_above, sheet
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs, Names, input_names
 from rkhs_ros.policies.spaces import Spaces
@@ -47,13 +46,6 @@ SIZES = pytest.mark.parametrize("size", [1e-3, 1e6])
 TOUCHING = 0.5  # pixels by which boxes may overlap
 LEAST_PLOT = 80  # pixels
 CONFIG = Path(__file__).parents[3] / "config" / "pendulum_nac.yaml"
-# Machado, Oliveira and Fernandes (2009): linear RGB as perceived without one type of cone.
-EYES = {
-    "all cones": np.eye(3),
-    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]],
-    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]],
-}
 
 
 def texts(figure: Figure) -> dict[str, Bbox]:
@@ -285,16 +277,6 @@ def test_bands_stay_within_the_runs() -> None:
     assert (returns.evaluation.mean(axis=0) - deviation).min() < 0.0  # the band without clipping
 
 
-def test_pictures_are_opaque_with_any_style() -> None:
-    with mpl.rc_context({"savefig.transparent": True, "figure.facecolor": "black", "axes.facecolor": "black"}):
-        figure = curve_figure(curve(9, 1.0), PENDULUM)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-    seen = np.asarray(canvas.buffer_rgba())
-    assert (seen[..., 3] == 255).all()
-    assert (seen[..., :3] == 255).all(axis=2).mean() > 0.5
-
-
 # Names
 
 
@@ -366,42 +348,6 @@ def test_monomials_are_named_by_their_factors() -> None:
     np.testing.assert_allclose(
         inputs.unfold(x, x)[0, 0] / [1, np.sqrt(2), np.sqrt(2), 1, np.sqrt(2), 1], [4, 6, 2, 9, 3, 1]
     )
-
-
-# Colours
-
-
-def lab(rgb: Any, eye: Any) -> Array:
-    """Return colours, shape (k, 3), in CIELAB, as a kind of vision perceives them."""
-    rgb = np.asarray(rgb, dtype=float)
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(linear @ np.asarray(eye).T, 0.0, 1.0)
-    to_xyz = np.array(
-        [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
-    )
-    xyz = seen @ to_xyz.T / [0.95047, 1.0, 1.08883]
-    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
-    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
-
-
-@pytest.mark.parametrize("eye", EYES)
-def test_signed_colours_have_uniform_steps_and_distinct_signs(eye: str) -> None:
-    seen = lab(mpl.colormaps[SIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])
-    steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
-    assert steps.max() < 2.5 * steps.min()
-    halves = np.linalg.norm(seen[:16] - seen[:16:-1], axis=1)
-    assert (np.diff(halves) < 2.0).all()  # except at the darkest shades
-    assert halves[8] > 50.0  # between half of the smallest and half of the largest action
-
-
-@pytest.mark.parametrize("eye", EYES)
-def test_rewards_differ_in_lightness_and_lines_in_colour(eye: str) -> None:
-    lightness = lab(mpl.colormaps[UNSIGNED](np.linspace(0.0, 1.0, 33))[:, :3], EYES[eye])[:, 0]
-    assert (np.diff(lightness) > 0.0).all()
-    colours = [[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in COLOURS]
-    seen = lab(colours, EYES[eye])
-    assert min(np.linalg.norm(a - b) for a, b in combinations(seen[:3], 2)) > 15.0
-    assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 8.0
 
 
 def test_a_cosine_and_a_sine_are_one_angle() -> None:

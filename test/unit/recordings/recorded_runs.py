@@ -14,9 +14,8 @@ from rkhs_ros.learning.episodes import Episodes, Execution, Record, discard
 from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.batches import RecordedBatch
 from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
-from rkhs_ros.recordings.recording import Recording
+from rkhs_ros.recordings.recording import RecordedBatch, Recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
@@ -114,10 +113,10 @@ def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
     )
 
 
-def bag(folder: Path, *recordings: Recording, plugin: StoragePlugin = StoragePlugin.MCAP, namespace: str = "") -> Path:
+def bag(folder: Path, *recordings: Recording, namespace: str = "") -> Path:
     """Record the topics of runs like `ros2 bag record`: no header, no policies, and some messages twice."""
     numbers: dict[Any, int] = {}
-    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
             for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()

@@ -19,8 +19,8 @@ from rkhs_ros.learning.state import State
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import training_from
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.recordings.batches import RecordedBatch, countable
 from rkhs_ros.recordings.recording import FILE as RECORDING
+from rkhs_ros.recordings.recording import RecordedBatch, countable
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.checkpoint import COUNTS, FILE, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint

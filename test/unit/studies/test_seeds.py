@@ -1,4 +1,3 @@
-import os
 import shutil
 import signal
 import subprocess
@@ -120,18 +119,6 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert times(finished) == before
 
 
-def test_a_failed_seed_is_reported_and_the_others_continue(rkhs: Run, started_runs: Path) -> None:
-    first, bad, last = seed_folders(started_runs)
-    (bad / "policy.png").unlink()
-    (bad / "policy.png").mkdir()
-    code, out, err = rkhs("train", "--resume", "many", "--iterations", 3, "--jobs", 1, "--quiet")
-    assert code == 1
-    assert err.startswith("error: seed_2: IsADirectoryError: ")
-    assert err.count("\n") == 1
-    assert "mean of 2 runs" in out
-    assert [len(Curve(path / "curve.csv").rows()) for path in (first, last)] == [3, 3]
-
-
 def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", *map(str, arguments), "--jobs", "2"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -160,18 +147,6 @@ def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Pa
     assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
     assert rkhs("train", CONFIG, *long, "--out", whole, "--jobs", 1).code == 0
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
-
-
-@pytest.mark.nightly
-@pytest.mark.slow
-def test_a_killed_worker_gives_lines_without_a_traceback(tmp_path: Path) -> None:
-    many = tmp_path / "many"
-    process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
-    for pid in workers(process)[:1]:
-        os.kill(pid, signal.SIGKILL)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert err.splitlines() == [f"error: seed_{k}: its worker process, or another one, was killed" for k in (0, 1)]
 
 
 @pytest.mark.nightly

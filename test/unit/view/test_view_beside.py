@@ -50,15 +50,3 @@ def test_the_address_is_printed_before_a_short_run_and_the_page_ends_silently(st
     out, err = run.communicate()
     assert (run.returncode, err) == (0, "")
     assert address not in out
-
-
-@pytest.mark.nightly
-def test_an_interrupted_run_with_a_page_reports_it_once(start: Start) -> None:
-    run = start("--iterations", "100000")
-    assert run.stderr is not None
-    first = run.stderr.readline()
-    assert first.startswith("toy_nac: iteration 1 of ")
-    run.send_signal(signal.SIGINT)
-    err = run.communicate()[1]
-    assert (run.returncode, err.splitlines()[-1].startswith("interrupted after ")) == (130, True), err
-    assert [line for line in err.splitlines() if line.startswith("interrupted")] == err.splitlines()[-1:], err

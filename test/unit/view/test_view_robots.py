@@ -85,20 +85,6 @@ def test_cycles_of_mimic_joints_are_rejected(tmp_path: Path, mimics: tuple[str, 
         mimicking(tmp_path, *(f"<mimic joint='{leader}'/>" for leader in mimics))
 
 
-def test_both_fingers_of_the_panda_follow_the_first_one() -> None:
-    data = pytest.importorskip("pybullet_data")
-    panda = UrdfBodies(Path(data.getDataPath()) / "franka_panda" / "panda.urdf")
-    named = {visual.link: number for number, visual in enumerate(panda.visuals)}
-    closed, opened = (
-        np.stack(panda.frames({"panda_finger_joint1": np.array([width])}, 1))[:, 0, :3, 3] for width in (0.0, 0.04)
-    )
-    moved = np.linalg.norm(opened - closed, axis=1)
-    fingers = [named["panda_leftfinger"], named["panda_rightfinger"]]
-    assert np.allclose(moved[fingers], 0.04)
-    assert np.allclose(np.delete(moved, fingers), 0.0)
-    assert np.allclose((opened - closed)[fingers].sum(axis=0), 0.0, atol=1e-6)  # in opposite directions
-
-
 @pytest.mark.parametrize("text", ["no XML", "<robot/>"])
 def test_a_urdf_without_bodies_is_rejected(text: str, tmp_path: Path) -> None:
     file = tmp_path / "bad.urdf"
