@@ -30,11 +30,7 @@ OF_PYTHON = (
 
 
 def runner_of(environment: Environment) -> InlineRunner:
-    """Return a runner of policies in an environment.
-
-    Raises:
-        ValueError: the environment is unknown or a robot, its options do not fit, or a space is not continuous.
-    """
+    """Return a runner of policies in an environment; raise ValueError if it cannot be used here, such as a robot."""
     require(not environment.nodes, environment.id, "an environment of this process", "a robot, which needs topics")
     try:
         return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
@@ -45,25 +41,13 @@ def runner_of(environment: Environment) -> InlineRunner:
 
 
 def spaces_of(environment: Environment) -> Spaces:
-    """Return the spaces of an environment, and close it.
-
-    Raises:
-        ValueError: the environment is unknown or a robot, its options do not fit, or a space is not continuous.
-    """
+    """Return the spaces of an environment, and close it; raise ValueError if it cannot be used here."""
     with runner_of(environment) as runner:
         return runner.spaces
 
 
 def untuned_config(environment: str, changes: Sequence[str]) -> Config:
-    """Return the configuration of a run on an environment with the default settings and its own time limit.
-
-    Args:
-        environment: Gymnasium id.
-        changes: settings that replace the defaults, such as ``algorithm.ridge=0.1``.
-
-    Raises:
-        ValueError: the id is unknown, or a setting is unknown or invalid.
-    """
+    """Return the configuration of a run on an environment with its own time limit, the defaults and some changes."""
     section = tree_of(changes).get("environment")
     options = section.get("options") if isinstance(section, Mapping) else None
     limit = time_limit(environment, options if isinstance(options, Mapping) else {})
@@ -71,13 +55,7 @@ def untuned_config(environment: str, changes: Sequence[str]) -> Config:
 
 
 def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
-    """Print a note if the horizon differs from the time limit of the environment.
-
-    Args:
-        simulation: simulation of the environment.
-        horizon: steps of an episode.
-        given: whether the user set the horizon.
-    """
+    """Print a note if the horizon, which the user may have given, differs from the environment's time limit."""
     name, limit = simulation.environment, simulation.time_limit
     if limit is None and not given:
         note = f"{name} declares no time limit; episodes end after {horizon} steps. Set horizon=N to change that"

@@ -38,49 +38,33 @@ MODULES = {
 
 
 class NodeProcess:
-    """A node in a separate process.
-
-    Owns the process.
-
-    Args:
-        name: a key of `MODULES`.
-        parameters: its parameter file.
-    """
+    """A node, named by a key of `MODULES`, in a separate process, which the object owns."""
 
     def __init__(self, name: str, parameters: Path) -> None:
         self.name = name
         self.is_interrupted = False
-        self.process = self._start(parameters)
+        # The launcher prints the progress.
+        quiet = [word for each in name.split("+") for word in ("--log-level", f"{each}:=warn")]
+        with deferred_signals():  # Python loses an exception that a handler raises during the fork
+            self.process = subprocess.Popen(
+                [*python(MODULES[name]), "--ros-args", *quiet, "--params-file", str(parameters)],
+                stdin=subprocess.DEVNULL,
+                process_group=0,  # outside our foreground group: Ctrl-C reaches the node only through the launcher
+                env=environment(),
+                preexec_fn=partial(terminate_with_parent, os.getpid()),
+            )
 
     def interrupt(self) -> None:
         """Stop the node."""
         self.is_interrupted = True
         _terminate_process(self.process)
 
-    def _start(self, parameters: Path) -> subprocess.Popen[bytes]:
-        """Start the node outside our foreground process group, so that it receives Ctrl-C only through the launcher."""
-        # The launcher prints the progress.
-        quiet = [word for name in self.name.split("+") for word in ("--log-level", f"{name}:=warn")]
-        with deferred_signals():  # Python loses an exception that a handler raises during the fork
-            return subprocess.Popen(
-                [*python(MODULES[self.name]), "--ros-args", *quiet, "--params-file", str(parameters)],
-                stdin=subprocess.DEVNULL,
-                process_group=0,
-                env=environment(),
-                preexec_fn=partial(terminate_with_parent, os.getpid()),
-            )
-
 
 Nodes = dict[str, NodeProcess]
 
 
 def launch(config: Config, parameters: Path, *, composed: bool = False) -> int:
-    """Run the nodes of a run until one ends.
-
-    Args:
-        config: configuration of the run.
-        parameters: its parameter file.
-        composed: whether simulator and policy node share a process.
+    """Run the nodes of a run until one ends; ``composed``: simulator and policy node share a process.
 
     Returns:
         Exit code of the learner, or of a node that ended earlier; `RESUMABLE` if a node died or was silent.
@@ -99,9 +83,6 @@ def resuming(run: Callable[[], int], stored: Callable[[], int]) -> int:
     Args:
         run: runs the nodes until one ends, and returns the exit code; resumes the run if it has started.
         stored: returns the number of stored iterations.
-
-    Returns:
-        Exit code of the run.
     """
     resumed: list[float] = []
     code, iterations = run(), 0
@@ -152,12 +133,7 @@ def write_parameters(config: Config, file: Path, **learner: str | bool) -> Path:
 
 @contextmanager
 def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
-    """Start nodes, and stop them when the context exits.
-
-    Args:
-        names: keys of `MODULES`.
-        parameters: a ROS parameter file.
-    """
+    """Start nodes, named by keys of `MODULES`, with a parameter file; stop them when the context exits."""
     nodes: Nodes = {}
     try:
         for name in names:

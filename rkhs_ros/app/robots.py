@@ -18,11 +18,7 @@ from sim_nodes.robots import DEFAULT, settings_of
 
 
 def check_robot(config: Config) -> Spaces:
-    """Check the sections of a configuration with a robot; return the spaces of its task.
-
-    Raises:
-        ValueError: a section has an unknown key or an invalid value, or the sections contradict each other.
-    """
+    """Check the sections of a configuration with a robot, also against each other; return the spaces of its task."""
     nodes = config.environment.nodes
     with _named("robot"):
         task = robot_task_from(nodes["robot"])
@@ -50,14 +46,7 @@ def default_domain(config: Config) -> str | None:
 
 
 def robot_of(path: Path) -> Config | None:
-    """Return the configuration of a run on a robot; None for other runs and policies.
-
-    Args:
-        path: folder of the run, or a policy file in it.
-
-    Raises:
-        ValueError: the configuration is invalid.
-    """
+    """Return the configuration of a run on a robot, given by its folder or a policy file in it; None for others."""
     file = (path if path.is_dir() else path.parent) / "config.yaml"
     config = load_config(file) if file.is_file() else None
     return config if config is not None and config.environment.nodes else None

@@ -71,7 +71,7 @@ def make_missing(
     drawn: bool = False,
     tensorboard: bool = False,
 ) -> dict[Path, str]:
-    """Start or resume the unfinished runs; return the errors of the failed runs by folder.
+    """Start or resume the unfinished runs, see `run_parallel`; return the errors of the failed runs by folder.
 
     Args:
         runs: configurations by absolute folder, since workers may have another working directory.

@@ -36,11 +36,7 @@ SPREAD = 2.0  # of the observations, in standard deviations of the centres
 
 
 class Graph:
-    """The nodes and constants of a graph under construction; values are known by name.
-
-    Raises:
-        ValueError: onnx is not installed.
-    """
+    """The nodes and constants of a graph under construction; values are known by name."""
 
     def __init__(self) -> None:
         require_extra("onnx", "export", "export")
@@ -195,7 +191,7 @@ def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
 
 
 def _mean(graph: Graph, policy: Policy, window: str) -> str:
-    """Return the unclipped mean action for a window, flattened and with angles replaced."""
+    """Return the unclipped mean action for a window."""
     mean = policy.gaussian.mean
     if not len(mean.centres):  # some versions of ONNX Runtime cannot multiply empty matrices
         value = graph.add("MatMul", window, np.zeros((_window_dim(policy), mean.output_dim)))
@@ -247,14 +243,7 @@ def _with_state(graph: Graph, policy: Policy, observed: str) -> str:
 
 
 class OnnxPolicy:
-    """An exported policy on one thread of ONNX Runtime, called like `Policy`.
-
-    Args:
-        content: content of the ONNX file.
-
-    Raises:
-        ValueError: onnxruntime is not installed.
-    """
+    """An exported policy, the content of a file, on one thread of ONNX Runtime; it is called like `Policy`."""
 
     def __init__(self, content: bytes) -> None:
         require_extra("onnxruntime", "export", "export")

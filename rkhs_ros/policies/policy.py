@@ -96,6 +96,6 @@ def load(path: str | Path) -> Policy:
         ValueError: the file is not a policy, or is damaged.
         FileNotFoundError: the file does not exist.
     """
-    saved = read_policy(Path(path))
-    mean = saved.policy.mean  # a file without spaces: use unbounded ones of the mean's dimensions
-    return Policy(saved.policy, saved.task, saved.spaces or Spaces.unbounded(mean.input_dim, mean.output_dim))
+    policy, task, spaces = read_policy(Path(path))
+    mean = policy.mean  # a file without spaces: use unbounded ones of the mean's dimensions
+    return Policy(policy, task, spaces or Spaces.unbounded(mean.input_dim, mean.output_dim))

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -53,20 +53,6 @@ class Task:
         require(good, "task: discount", "a number in [0, 1]", repr(self.discount))
 
 
-class SavedPolicy(NamedTuple):
-    """The content of a policy file.
-
-    Attributes:
-        policy: the policy.
-        task: the task that it was trained on.
-        spaces: shape of an observation and bounds of the actions; None if the file lacks them.
-    """
-
-    policy: GaussianPolicy
-    task: Task
-    spaces: Spaces | None
-
-
 def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None = None) -> None:
     """Write a policy, its task and, if known, the task's spaces atomically to a file.
 
@@ -87,8 +73,8 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, Task]:
     return read_policy(path)[:2]
 
 
-def read_policy(path: Path) -> SavedPolicy:
-    """Read a policy, its task and the task's spaces.
+def read_policy(path: Path) -> tuple[GaussianPolicy, Task, Spaces | None]:
+    """Read a policy, the task that it was trained on, and the task's spaces, None if the file lacks them.
 
     Raises:
         ValueError: the file is truncated, has another type or schema, or contains no valid policy.
@@ -98,7 +84,7 @@ def read_policy(path: Path) -> SavedPolicy:
         arrays = unpacked(read_whole(path))
         (schema,) = whole_numbers(arrays["schema"].reshape(1), "schema")
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
-        return SavedPolicy(policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays))
+        return policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays)
     except FileNotFoundError:
         raise
     except KeyError as error:
