@@ -1,18 +1,26 @@
-"""Tuning of a node's parameters: which ones, within which ranges, and what happens in a trial."""
+"""Tuning of a node's parameters: which ones, within which ranges, what happens in a trial, and what to try next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rkhs_ros.base.settings import Settings, build, setting
 from rkhs_ros.base.validation import hint, require
+from rkhs_ros.policies.streams import stream
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.posterior import Posterior
 from rkhs_ros.robot.sensors import Sensors
 from rkhs_ros.robot.task import Reward, sensors_from
 
 SCALES = ("linear", "log")
+CENTRES = 200  # of the model of the reward
+ANYWHERE, NEARBY, NEARBY_SD = 1000, 500, 0.15  # candidates for a trial, and how far the latter are from the best one
+NEAR, FEWEST_PAIRS = 0.1, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
+DRAWS = 16  # of the reward, whose maxima show what may be gained
 
 
 @dataclass(frozen=True)
@@ -29,9 +37,15 @@ class Parameter(Settings):
         require(self.minimum < self.maximum, "minimum", f"less than the maximum, {self.maximum:g}", self.minimum)
         require(self.scale == "linear" or self.minimum > 0.0, "minimum", "more than 0 for scale: log", self.minimum)
 
+    def place(self, value: float) -> float:
+        """Return the place of a value in the range, from -1 to 1."""
+        low, high = self.minimum, self.maximum
+        share = np.log(value / low) / np.log(high / low) if self.scale == "log" else (value - low) / (high - low)
+        return float(2.0 * share - 1.0)
+
     def value(self, place: float) -> float:
         """Return the value at a place of the range, from -1 to 1."""
-        share = 0.5 * (1.0 + min(max(place, -1.0), 1.0))
+        share = 0.5 * (1.0 + place)
         if self.scale == "log":
             return float(self.minimum * (self.maximum / self.minimum) ** share)
         return self.minimum + share * (self.maximum - self.minimum)
@@ -70,9 +84,13 @@ class Tuning(Settings):
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     sensors: Sensors = field(default=Sensors({}, 0.5))
 
-    def values(self, places: Sequence[float] | Array) -> dict[str, float]:
-        """Return the values at the places in their ranges, each from -1 to 1."""
+    def values(self, places: Array) -> dict[str, float]:
+        """Return the values at the places in their ranges, each from -1 to 1, shape (n,)."""
         return {name: each.value(place) for (name, each), place in zip(self.parameters.items(), places, strict=True)}
+
+    def places(self, values: Mapping[str, float]) -> Array:
+        """Return the places of values in their ranges, shape (n,)."""
+        return np.array([each.place(values[name]) for name, each in self.parameters.items()])
 
     def context_columns(self) -> list[int]:
         """Return the columns of an observation that are the context."""
@@ -106,3 +124,75 @@ def _parameter(name: str, section: Any) -> Parameter:
     except ValueError as error:
         text = str(error)
         raise ValueError(text if f"parameters.{name}" in text else f"parameters.{name}: {text}") from error
+
+
+class Trials(NamedTuple):
+    """Finished trials.
+
+    Attributes:
+        contexts: shape (n, c).
+        places: places of the parameters in their ranges, shape (n, p).
+        rewards: shape (n,).
+    """
+
+    contexts: Array
+    places: Array
+    rewards: Array
+
+    @property
+    def points(self) -> Array:
+        """Contexts and places, the inputs of the model of the reward."""
+        return np.concatenate([self.contexts, self.places], axis=1)
+
+
+def next_places(trials: Trials, context: Array, seed: int) -> Array:
+    """Return the places of the parameters to try next, shape (p,): Thompson sampling.
+
+    The first trials are spread over the ranges. Then a function of context and places is drawn from the posterior of
+    the reward, and the best of many candidates for the current context is tried: where the reward is uncertain, draws
+    differ, and some are high.
+
+    Args:
+        trials: the finished trials.
+        context: current context, shape (c,).
+        seed: seed of the run.
+    """
+    number, size = trials.places.shape
+    random = stream(seed, "tuning", number)
+    if number < 2 * (size + 1):  # of at least as many spread points
+        from scipy.stats.qmc import Sobol  # here, since the import takes half a second
+
+        return np.asarray(2.0 * Sobol(size, seed=seed).random_base2(size + 1)[number] - 1.0)
+    posterior, candidates = _model(trials, context, random)
+    draw = posterior.draw(random.standard_normal((1, *posterior.draw_shape)))
+    return np.asarray(candidates[draw.of_draw(0, candidates)[:, 0].argmax(), len(context) :])
+
+
+def expects_gain(trials: Trials, context: Array, seed: int) -> bool:
+    """Return whether the expected gain exceeds the noise, the median difference of trials that nearly repeat others."""
+    differences = trials.points[:, None] - trials.points
+    pairs = np.argwhere(np.triu(np.linalg.norm(differences, axis=2) < NEAR, k=1))
+    if len(pairs) < FEWEST_PAIRS:
+        return True
+    noise = np.median(np.abs(np.diff(trials.rewards[pairs], axis=1)))
+    random = stream(seed, "gain", len(trials.rewards))
+    posterior, candidates = _model(trials, context, random)
+    draws = posterior.draw(random.standard_normal((DRAWS, *posterior.draw_shape)))
+    best = np.mean([draws.of_draw(row, candidates).max() for row in range(DRAWS)])
+    return bool(best - posterior.mean(trials.points).max() > noise)
+
+
+def best_places(trials: Trials, context: Array, seed: int) -> Array:
+    """Return the places with the greatest expected reward in a context, shape (p,)."""
+    posterior, candidates = _model(trials, context, stream(seed, "best", len(trials.rewards)))
+    return np.asarray(candidates[posterior.mean(candidates)[:, 0].argmax(), len(context) :])
+
+
+def _model(trials: Trials, context: Array, random: np.random.Generator) -> tuple[Posterior, Array]:
+    """Return the posterior of the reward, and candidates for a context: anywhere, and near the best trial."""
+    size = trials.places.shape[1]
+    best = trials.places[trials.rewards.argmax()]
+    near = np.clip(best + NEARBY_SD * random.standard_normal((NEARBY, size)), -1.0, 1.0)
+    places = np.concatenate([random.uniform(-1.0, 1.0, (ANYWHERE, size)), near])
+    candidates = np.concatenate([np.tile(context, (len(places), 1)), places], axis=1)
+    return Posterior.fit(trials.points, trials.rewards[:, None], CENTRES), candidates

@@ -85,7 +85,7 @@ def test_the_best_parameters_are_written_and_the_earlier_ones_set_again(
 ) -> None:
     code, out, _ = ended(tuned, tune("--trials", 13))
     assert (code, tuned.parameters) == (0, BEFORE)
-    assert 8 <= tuned.trials + tuned.rejected <= 13
+    assert len((tmp_path / "out" / "trials.csv").read_text().splitlines()) == 1 + tuned.trials + tuned.rejected <= 14
     loaded = parameter_dict_from_yaml_file(str(tmp_path / "out" / "parameters.yaml"), target_nodes=["/tuned"])
     best = {name: Parameter.from_parameter_msg(each).value for name, each in loaded.items()}
     assert isinstance(best["steps"], int)
@@ -124,7 +124,8 @@ def test_after_a_kill_the_resumed_run_knows_the_earlier_parameters(tuned: Tuned,
     before = tuned.trials + tuned.rejected
     code, *_ = ended(tuned, tune("--trials", 13))
     assert (code, tuned.parameters) == (0, BEFORE)
-    assert tuned.trials + tuned.rejected - before <= 8  # the first iteration, of five trials, is not repeated
+    assert tuned.trials + tuned.rejected <= 14  # the unfinished trial is repeated, and no other
+    assert tuned.trials + tuned.rejected > before
 
 
 def test_a_failure_ends_the_run_with_the_earlier_parameters(tuned: Tuned, tune: Tune) -> None:

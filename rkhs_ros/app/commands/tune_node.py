@@ -1,6 +1,7 @@
 """``rkhs tune-node``: tune the parameters of a ROS 2 node in a few dozen trials."""
 
 import argparse
+import csv
 import signal
 import sys
 from contextlib import closing
@@ -9,101 +10,108 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rkhs_ros.app.library import Result, train
-from rkhs_ros.base.validation import require_ros
+from rkhs_ros.base.processes import one_thread
+from rkhs_ros.base.validation import require, require_ros
 from rkhs_ros.base.yaml_text import loaded
-from rkhs_ros.learning.training_settings import ModelBased
-from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.posterior import Posterior
-from rkhs_ros.robot.tuning import Tuning, tuning_from
+from rkhs_ros.robot.tuning import Trials, Tuning, best_places, expects_gain, next_places, tuning_from
 
 if TYPE_CHECKING:
-    from rkhs_ros.nodes.robot.parameter_env import ParameterEnv
+    from rkhs_ros.nodes.robot.tuned_node import TunedNode
 
-TRIALS = 5  # per iteration
-EXPLORATION_SD = 0.4  # of a place in its range, from -1 to 1
-CENTRES = 200
-NEAR, FEWEST_PAIRS = 0.1, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
 CONFIRMED = 3  # best trials that are repeated at the end
-BEST = "parameters.yaml"
+RECORD, BEST = "trials.csv", "parameters.yaml"
 
 
 def add_tune_node(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of ``rkhs tune-node``."""
+    """Declare the arguments."""
     add = parser.add_argument
     add("file", type=Path, metavar="FILE", help="YAML file of the tuning; see docs/tune_node.md")
     add("--trials", type=int, metavar="N", help="maximum number of trials instead of that of the file")
     add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: results/FILE); an unfinished run resumes")
     add("--apply", action="store_true", help="leave the best parameters set at the end")
-    parser.set_defaults(run=_tune_node)
+    parser.set_defaults(run=run)
 
 
-def _tune_node(options: argparse.Namespace) -> int:
-    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``."""
+def run(options: argparse.Namespace) -> int:
+    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``.
+
+    Raises:
+        ValueError: ROS is missing, or the file does not describe a tuning of the node.
+        RunError: a node is silent, or the reward fails.
+    """
     require_ros("rkhs tune-node")
     tree = loaded(options.file.read_text())
     tuning = tuning_from(tree | ({"trials": options.trials} if options.trials else {}))
     folder = options.out or Path("results", options.file.stem)
-    from rkhs_ros.nodes.robot.parameter_env import ParameterEnv, write_parameters  # here, since the import needs ROS
+    from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS
 
     for number in (signal.SIGHUP, signal.SIGQUIT):  # like Ctrl-C: the parameters are set again
         signal.signal(number, lambda number, frame: signal.raise_signal(signal.SIGINT))
-    with closing(ParameterEnv(tuning, folder)) as environment:
-        result = train(
-            environment,
-            name=options.file.stem,
-            model=ModelBased(discovery="none"),
-            iterations=max(1, (tuning.trials - (0 if tuning.context else CONFIRMED)) // TRIALS),
-            episodes_per_iteration=TRIALS,
-            seed=options.seed,
-            horizon=1,
-            action_repeat=1,
-            evaluate_every=0,
-            exploration_sd=[EXPLORATION_SD] * len(tuning.parameters),
-            out=folder / "run",
-            resume=True,
-            callback=_goes_on,
-        )
-        values = _best(environment, tuning, result)
-        write_parameters(folder / BEST, environment.name, values)
+    record = Record(folder / RECORD, tuning)
+    with one_thread(), closing(TunedNode(tuning, folder)) as node:
+        values = _best(node, tuning, record, options.seed)
+        write_parameters(folder / BEST, node.name, values)
         for name, value in values.items():
-            print(f"{name}: {value:.6g} (before: {environment.before[name]:.6g})")
-        print(f"ros2 param load {environment.name} {folder / BEST}")
+            print(f"{name}: {value:.6g} (before: {node.before[name]:.6g})")
+        print(f"ros2 param load {node.name} {folder / BEST}")
         if options.apply:
-            environment.keep(values)
+            node.keep(values)
             print("The node keeps these parameters.", file=sys.stderr)
     return 0
 
 
-def _trials(result: Result) -> tuple[Array, Array, Array]:
-    """Return the contexts, actions and rewards of all trials, one row each."""
-    episodes = result.iteration.state.memory
-    return episodes.observations[:, 0], np.clip(episodes.actions[:, 0], -1.0, 1.0), episodes.rewards[:, 0]
+class Record:
+    """The finished trials of a run, in a file with one line for each.
+
+    Raises:
+        ValueError: the file belongs to another tuning, or is damaged.
+    """
+
+    def __init__(self, path: Path, tuning: Tuning) -> None:
+        self._path, self._tuning = path, tuning
+        self._columns = [*tuning.context, *tuning.parameters, "reward", "rejected"]
+        self.rows: list[list[Any]] = []
+        if path.is_file():
+            header, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
+            require(header == self._columns, f"{path}", f"the columns {', '.join(self._columns)}", ", ".join(header))
+            self.rows = [[*map(float, row[:-1]), row[-1]] for row in rows if len(row) == len(header)]  # not a torn one
+
+    @property
+    def trials(self) -> Trials:
+        """The trials as arrays."""
+        tuning = self._tuning
+        numbers = np.array([row[:-1] for row in self.rows], dtype=float).reshape(len(self.rows), len(self._columns) - 1)
+        contexts, values = numbers[:, : len(tuning.context)], numbers[:, len(tuning.context) : -1]
+        places = [tuning.places(dict(zip(tuning.parameters, row, strict=True))) for row in values]
+        return Trials(contexts, np.reshape(places, values.shape), numbers[:, -1])
+
+    def run(self, node: "TunedNode", context: np.ndarray, values: dict[str, Any]) -> float:
+        """Run a trial, add it to the file, say how it went, and return its reward."""
+        reward, reason = node.trial(values)
+        self.rows.append([*context, *values.values(), reward, reason])
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with self._path.open("a", newline="") as file:
+            csv.writer(file).writerows([self._columns, self.rows[-1]] if len(self.rows) == 1 else [self.rows[-1]])
+        told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+        end = f"rejected: {reason}" if reason else f"reward {reward:.4g}"
+        print(f"trial {len(self.rows)} of {self._tuning.trials}: {told}: {end}", file=sys.stderr, flush=True)
+        return reward
 
 
-def _goes_on(result: Result) -> bool:
-    """Return False once the model expects less gain than the noise of trials that nearly repeat each other."""
-    contexts, actions, rewards = _trials(result)
-    distances = np.linalg.norm(actions[:, None] - actions, axis=2) + np.linalg.norm(
-        contexts[:, None] - contexts, axis=2
-    )
-    pairs = np.argwhere(np.triu(distances < NEAR, k=1))
-    if len(pairs) < FEWEST_PAIRS:
-        return True
-    noise = np.median(np.abs(rewards[pairs[:, 0]] - rewards[pairs[:, 1]]))
-    points = np.concatenate([contexts, actions], axis=1)
-    best = Posterior.fit(points, rewards[:, None], CENTRES).mean(points).max()
-    return bool(result.iteration.model_return - best > noise)
-
-
-def _best(environment: "ParameterEnv", tuning: Tuning, result: Result) -> dict[str, Any]:
-    """Repeat the best trials, and return the best parameters; with a context, those of the policy for it."""
+def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[str, Any]:
+    """Run the trials, repeat the best ones, and return the best parameters, for the current context if there is one."""
+    confirmed = 0 if tuning.context else CONFIRMED
+    while len(record.rows) < tuning.trials - confirmed:
+        context, trials = node.context(), record.trials
+        if not expects_gain(trials, context, seed):
+            print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
+            break
+        record.run(node, context, node.values(next_places(trials, context, seed)))
+    trials = record.trials
     if tuning.context:
-        return environment.values(result.policy(environment.reset()[0]))
-    _, actions, rewards = _trials(result)
+        return node.values(best_places(trials, node.context(), seed))
     scores = {}
-    for row in np.argsort(-rewards, kind="stable")[:CONFIRMED]:
-        environment.reset()
-        scores[row] = rewards[row] + environment.step(actions[row])[1]
-    return environment.values(actions[max(scores, key=lambda row: float(scores[row]))])
+    for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]:
+        scores[row] = trials.rewards[row] + record.run(node, node.context(), node.values(trials.places[row]))
+    return node.values(trials.places[max(scores, key=lambda row: float(scores[row]))])

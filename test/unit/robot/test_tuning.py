@@ -1,12 +1,15 @@
 """The description of a tuning: ranges, contexts and what is refused."""
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.robot.tuning import Parameter, tuning_from
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.tuning import Parameter, Trials, best_places, expects_gain, next_places, tuning_from
 
 TREE: dict[str, Any] = {
     "node": "controller",
@@ -18,15 +21,58 @@ TREE: dict[str, Any] = {
 
 def test_places_of_a_range_are_its_ends_and_its_middle() -> None:
     tuning = tuning_from(TREE)
-    assert tuning.values([-1.0, -1.0]) == {"p": 1.0, "limit": -2.0}
-    assert tuning.values([0.0, 0.0]) == {"p": pytest.approx(10.0), "limit": 1.0}
-    assert tuning.values([7.0, 1.0]) == {"p": pytest.approx(100.0), "limit": 4.0}
+    assert tuning.values(np.array([-1.0, -1.0])) == {"p": 1.0, "limit": -2.0}
+    assert tuning.values(np.array([0.0, 0.0])) == {"p": pytest.approx(10.0), "limit": 1.0}
+    assert tuning.values(np.array([1.0, 1.0])) == {"p": pytest.approx(100.0), "limit": 4.0}
 
 
-@given(place=st.floats(-3.0, 3.0), scale=st.sampled_from(["linear", "log"]), low=st.floats(0.001, 1.0))
-def test_a_value_is_within_its_range(place: float, scale: str, low: float) -> None:
-    value = Parameter(low, 50.0, scale).value(place)
+@given(place=st.floats(-1.0, 1.0), scale=st.sampled_from(["linear", "log"]), low=st.floats(0.001, 1.0))
+def test_a_place_and_its_value_determine_each_other(place: float, scale: str, low: float) -> None:
+    parameter = Parameter(low, 50.0, scale)
+    value = parameter.value(place)
     assert low * (1 - 1e-12) <= value <= 50.0 * (1 + 1e-12)
+    assert parameter.place(value) == pytest.approx(place, abs=1e-9)
+
+
+def trials_of(seed: int, count: int, contexts: int = 0) -> tuple[Trials, Callable[[Array, Array], float]]:
+    """Return trials of two parameters whose best places are 0.3 and -0.5, the first moved by a context."""
+
+    def reward(context: Array, places: Array) -> float:
+        shift = float(context.sum())
+        return -float((places[0] - 0.3 - shift) ** 2 + (places[1] + 0.5) ** 2)
+
+    random = np.random.default_rng(seed)
+    trials = Trials(np.empty((0, contexts)), np.empty((0, 2)), np.empty(0))
+    for _ in range(count):
+        context = random.uniform(-0.4, 0.4, contexts)
+        places = next_places(trials, context, seed)
+        assert (np.abs(places) <= 1.0).all()
+        rows = (context, places, np.array(reward(context, places)))
+        trials = Trials(*(np.concatenate([old, new[None]]) for old, new in zip(trials, rows, strict=True)))
+    return trials, reward
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_twenty_trials_find_the_maximum_of_a_smooth_reward(seed: int) -> None:
+    trials, _ = trials_of(seed, 20)
+    assert trials.rewards.max() > -0.01
+    np.testing.assert_allclose(best_places(trials, np.empty(0), seed), [0.3, -0.5], atol=0.1)
+    again, _ = trials_of(seed, 20)
+    np.testing.assert_array_equal(again.places, trials.places)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_best_parameters_follow_the_context(seed: int) -> None:
+    trials, _ = trials_of(seed, 30, contexts=1)
+    for shift in (-0.3, 0.3):
+        np.testing.assert_allclose(best_places(trials, np.array([shift]), seed), [0.3 + shift, -0.5], atol=0.15)
+
+
+def test_no_gain_is_expected_once_trials_repeat_each_other_within_their_noise() -> None:
+    trials, _ = trials_of(0, 30)
+    noisy = trials._replace(rewards=trials.rewards + 0.5 * np.random.default_rng(0).standard_normal(30))
+    assert expects_gain(trials_of(0, 8)[0], np.empty(0), 0)
+    assert not expects_gain(noisy, np.empty(0), 0)
 
 
 def test_the_context_is_chosen_by_the_names_of_observed_values() -> None:

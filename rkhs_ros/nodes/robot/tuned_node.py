@@ -1,16 +1,13 @@
-"""The parameters of a node as a Gymnasium environment: an episode is one step, a trial with one set of values."""
+"""The node whose parameters are tuned: it is checked, gets values, runs trials, and gets its earlier values again."""
 
 import time
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import rclpy
 import yaml
-from gymnasium.spaces import Box
-from numpy.typing import ArrayLike
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
 from rclpy.context import Context
@@ -22,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from rkhs_ros.base.endings import RunError, deferred_signals
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.validation import finite_array, require
+from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.peers import Peers
@@ -33,7 +30,6 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, check_field, field_values, fresh
 from rkhs_ros.robot.tuning import Tuning
 
-Info = dict[str, Any]
 Values = dict[str, Any]
 ATTEMPTS = 3  # at a trial in which a sensor falls silent
 BEFORE = "parameters_before.yaml"  # in the run's folder while they may be changed
@@ -78,12 +74,11 @@ class TuningNode(ReportingNode):
         self.heard[topic] = ReceivedMessage(message, time.monotonic())
 
 
-class ParameterEnv(gymnasium.Env[Any, Any]):
-    """The trials of a tuning.
+class TunedNode:
+    """The connection to a node whose parameters are tuned.
 
-    An observation is the context, or 0 without one. An action contains the place of each parameter in its range, from
-    -1 to 1. Owns the node, and the values that the parameters had before: they are set again when the environment
-    closes, and are in a file until then, from which the next environment of the folder sets them.
+    Owns our node, and the values that the parameters had before: they are set again when the connection closes, and are
+    in a file until then, from which the next connection of the folder sets them.
 
     Args:
         tuning: the tuning.
@@ -94,12 +89,8 @@ class ParameterEnv(gymnasium.Env[Any, Any]):
         ValueError: the node has no such parameter, it is read-only or no number, or its range is narrower.
     """
 
-    metadata: Info = {"render_modes": []}
-
     def __init__(self, tuning: Tuning, folder: Path) -> None:
         self._tuning, self._file = tuning, folder / BEFORE
-        size, count = max(1, len(tuning.context)), len(tuning.parameters)
-        self.observation_space, self.action_space = Box(-np.inf, np.inf, (size,)), Box(-1.0, 1.0, (count,))
         self._node = TuningNode(tuning)
         self._peers = self._node.peers
         try:
@@ -120,41 +111,35 @@ class ParameterEnv(gymnasium.Env[Any, Any]):
             self._node.close()
             raise
 
-    def values(self, action: ArrayLike) -> Values:
-        """Return the values of an action, of the types of the parameters."""
-        count = len(self._tuning.parameters)
-        places = finite_array(np.reshape(action, -1), (count,), "action")
+    def values(self, places: Array) -> Values:
+        """Return the values at the places in their ranges, of the types of the parameters."""
         return {name: self._kinds[name](value) for name, value in self._tuning.values(places).items()}
 
-    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Array, Info]:
-        """Return the context, once all sensors are heard.
+    def context(self) -> Array:
+        """Return the context, shape (c,), once all sensors are heard.
 
         Raises:
             RunError: a sensor is silent, or its message is unusable.
         """
-        super().reset(seed=seed)
         topics = [sensor.topic for _, sensor in self._tuning.sensors]
-        self._node.heard.clear()  # what was heard before the policy was trained is old
+        self._node.heard.clear()  # what was heard before the next trial was chosen is old
         self._peers.spin(lambda: all(each in self._node.heard for each in topics), self._tuning.timeout)
         try:
-            columns, sensed = self._tuning.context_columns(), self._sensed()
+            return self._sensed()[self._tuning.context_columns()]
         except SensingError as error:
             raise RunError(str(error)) from error
-        return (sensed[columns] if columns else np.zeros(1)).astype(np.float32), {}
 
-    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, Info]:
-        """Run a trial; its info contains the values, and the reason if the node rejects them.
+    def trial(self, values: Values) -> tuple[float, str]:
+        """Run a trial; return its reward, and why the node rejects the values, or an empty text.
 
         Raises:
             RunError: a node is silent, the trial does not start, the reward fails, or a sensor is silent in all of
                 three attempts.
         """
-        tuning, values = self._tuning, self.values(action)
-        reason, reward = self.set(values), tuning.rejected
-        if not reason:
-            self._wait(tuning.trial.settle)
-            reward = self._scored()
-        return np.zeros(self.observation_space.shape or (), np.float32), reward, True, False, values | {"why": reason}
+        if reason := self.set(values):
+            return self._tuning.rejected, reason
+        self._wait(self._tuning.trial.settle)
+        return self._scored(), ""
 
     def set(self, values: Values) -> str:
         """Set the parameters; return why the node rejects them, or an empty text.
@@ -177,7 +162,7 @@ class ParameterEnv(gymnasium.Env[Any, Any]):
                 self._node.close()
 
     def keep(self, values: Values) -> None:
-        """Set the parameters, and let them stay when the environment closes.
+        """Set the parameters, and let them stay when the connection closes.
 
         Raises:
             RunError: the node rejects them, or is silent.
