@@ -129,7 +129,12 @@ def training_steps(
                         with _unrecorded(runner):
                             best = report.best_policy
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
-                    show(iteration, _advise(diagnosis.advise(iteration), report, on_advice))
+                    advice = diagnosis.advise(iteration)
+                    if advice is not None:
+                        report.advise(advice)
+                        if on_advice is not None:
+                            on_advice(advice)
+                    show(iteration, advice if on_advice is None else None)
                     yield iteration, report
 
 
@@ -141,15 +146,6 @@ def _unrecorded(runner: RecordableRunner) -> Iterator[None]:
         yield
     finally:
         runner.record = record
-
-
-def _advise(advice: Advice | None, report: Report, on_advice: OnAdvice | None) -> Advice | None:
-    """Store advice and pass it to the callback; return it if there is no callback."""
-    if advice is not None:
-        report.advise(advice)
-        if on_advice is not None:
-            on_advice(advice)
-    return None if on_advice is not None else advice
 
 
 def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:

@@ -34,15 +34,7 @@ class JointCommand:
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """Limits of the protective stop, each of shape (n,).
-
-    Attributes:
-        lower: least position, rad.
-        upper: greatest position, rad.
-        velocity: greatest velocity, rad/s.
-        acceleration: greatest acceleration, rad/s².
-        step: greatest jump of the set point, rad.
-    """
+    """Limits of the protective stop in rad, rad/s and rad/s², each of shape (n,); a step is a jump of the set point."""
 
     lower: Array
     upper: Array

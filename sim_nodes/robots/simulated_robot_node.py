@@ -33,15 +33,7 @@ REPORT_PERIOD_S = 0.1  # between reports of violations, and checks of the comman
 
 
 class RobotTopics:
-    """The topics of a robot: commands in; readings of the joints out, and its description once.
-
-    Args:
-        node: the robot's node.
-        robot: the robot.
-        topic: topic of its commands.
-        kind: type of their messages.
-        hear: receives a message.
-    """
+    """The topics of a robot: commands in; readings of the joints out, and its description once."""
 
     def __init__(self, node: Node, robot: Robot, topic: str, kind: type, hear: Callable[[Any], None]) -> None:
         self.robot, self.command_topics = robot, (topic,)
@@ -87,13 +79,7 @@ class ArmTopics(RobotTopics):
 
 
 def topics_of(node: Node, settings: Any, send: Callable[[Any], None]) -> RobotTopics:
-    """Return the topics of a new robot.
-
-    Args:
-        node: the robot's node.
-        settings: of the robot.
-        send: sends a command to the robot.
-    """
+    """Return the topics of a new robot, which `send` sends commands."""
     if not isinstance(settings, ArmSettings):
         pendulum, topic = MotorPendulumRobot(settings), "effort_controller/commands"
         return RobotTopics(node, pendulum, topic, Float64MultiArray, lambda message: send(message.data))
@@ -106,12 +92,7 @@ def topics_of(node: Node, settings: Any, send: Callable[[Any], None]) -> RobotTo
 
 
 def trajectory(message: JointTrajectory, speed: float) -> JointCommand:
-    """Return the command of a trajectory message, which starts on arrival and ignores the stamp.
-
-    Args:
-        message: the trajectory.
-        speed: factor of its times.
-    """
+    """Return the command of a trajectory, in the robot's time; it starts on arrival, whatever its stamp."""
     durations = [point.time_from_start for point in message.points]
     times = tuple(speed * (duration.sec + 1e-9 * duration.nanosec) for duration in durations)
     return JointCommand(tuple(message.joint_names), times, tuple(tuple(point.positions) for point in message.points))
