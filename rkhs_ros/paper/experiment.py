@@ -58,11 +58,7 @@ class Experiment:
 
 
 def folder() -> Path:
-    """Return the folder of the experiment files, in the source tree or in the installed share folder.
-
-    Raises:
-        FileNotFoundError: the folder is missing in both.
-    """
+    """Return the folder of the experiment files, in the source tree or in the installed share folder."""
     parts = ("config/experiments", "share/rkhs_ros/config/experiments")
     places = (parent / part for parent in Path(__file__).resolve().parents for part in parts)
     found = next((place for place in places if place.is_dir()), None)
@@ -77,11 +73,7 @@ def known() -> dict[str, Path]:
 
 
 def load_experiment(name: str) -> Experiment:
-    """Read an experiment by name.
-
-    Raises:
-        ValueError: the name is unknown.
-    """
+    """Read an experiment by name."""
     path = pick(name, known(), "experiment")
     tree = read_yaml(path)
     panels = tuple(

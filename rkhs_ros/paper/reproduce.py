@@ -81,11 +81,7 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Ta
 
 
 def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
-    """Draw the mean evaluation returns over the runs, with the band of the experiment.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Draw the mean evaluation returns over the runs, with the band of the experiment."""
     write(path, experiment_figure(experiment, table), dpi=DPI)
 
 

@@ -18,22 +18,13 @@ SIZE_IN, DPI = (4.8, 3.2), 200  # of the plot, without the legend beside it
 
 
 def format_of(path: Path) -> str:
-    """Return the image format of a file name.
-
-    Raises:
-        ValueError: the format is unknown.
-    """
+    """Return the image format of a file name."""
     require(path.suffix in FORMATS, f"{path}", f"a file name that ends in {' or '.join(FORMATS)}", repr(path.suffix))
     return path.suffix[1:]
 
 
 def draw_comparison(path: Path, comparison: Comparison) -> None:
-    """Draw the mean returns of a comparison against exploration episodes, with 95 % intervals over the runs.
-
-    Raises:
-        ValueError: the format of the file is unknown.
-        OSError: the file cannot be written.
-    """
+    """Draw the mean returns of a comparison against exploration episodes, with 95 % intervals over the runs."""
     figure = comparison_figure(comparison)
     write(path, figure, format=format_of(path), dpi=DPI, bbox_inches="tight", pad_inches=0.05)
 

@@ -115,11 +115,7 @@ def _rendered(simulation: Simulation) -> list[Pictures]:
 
 @contextmanager
 def _rendering_errors(environment: str) -> Iterator[None]:
-    """Convert any error of an environment's rendering into a ValueError with a hint.
-
-    Raises:
-        ValueError: rendering failed.
-    """
+    """Convert any error of an environment's rendering into a ValueError with a hint."""
     try:
         yield
     except Exception as error:

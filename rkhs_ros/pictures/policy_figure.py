@@ -76,34 +76,30 @@ def draw_policy(
     Returns:
         The newest episode in the coordinates of the plot, shape (steps, 2).
     """
-    visited = [view.visited(each)[0] for each in episodes]
-    draw = _draw_line if len(view.labels) == 1 else _draw_map
-    paths = draw(axes, view, spaces, episodes, visited, pair, action)
+    visited, is_line = [view.visited(each)[0] for each in episodes], len(view.labels) == 1
+    if is_line:
+        _draw_line(axes, view, spaces, visited, action)
+        taken = [spaces.clip(each.actions[0][each.mask[0]])[:, action] for each in episodes]
+        paths = [np.column_stack([points[:, 0], actions]) for points, actions in zip(visited, taken, strict=True)]
+    else:
+        _draw_map(axes, view, spaces, visited, pair, action)
+        paths = [points[:, pair] for points in visited]
     low, high = _range(paths)
     for path, age in zip(paths, np.linspace(1.0 if len(paths) == 1 else FAINTEST, 1.0, len(paths)), strict=True):
-        newest = path is paths[-1]
-        style, name = ("." if draw is _draw_line else "-"), ("episodes" if newest else None)
-        broken = path if draw is _draw_line else _broken(path, high - low)
-        axes.plot(*broken.T, style, color=EPISODE, alpha=age, linewidth=1 + newest, label=name)
+        shown, newest = path if is_line else _broken(path, high - low), path is paths[-1]
+        name = "episodes" if newest else None
+        axes.plot(*shown.T, "." if is_line else "-", color=EPISODE, alpha=age, linewidth=1 + newest, label=name)
     return paths[-1]
 
 
 def _draw_map(
-    axes: Axes,
-    view: PolicyAxes,
-    spaces: Spaces,
-    episodes: Sequence[Episodes],
-    visited: Sequence[Array],
-    pair: tuple[int, int],
-    action: int,
-) -> list[Array]:
-    """Draw the mean as colours, and the centres; return the paths of the episodes."""
-    columns = list(pair)
-    paths = [points[:, columns] for points in visited]
-    low, high = _range(paths)
+    axes: Axes, view: PolicyAxes, spaces: Spaces, visited: Sequence[Array], pair: tuple[int, int], action: int
+) -> None:
+    """Draw the mean as colours, and the centres."""
+    low, high = _range([points[:, pair] for points in visited])
     sides = [np.linspace(a, b, CELLS) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-    mean = spaces.clip(view.policy.mean(view.inputs(on_slice(visited[-1], columns, grid))))[:, action]
+    mean = spaces.clip(view.policy.mean(view.inputs(on_slice(visited[-1], pair, grid))))[:, action]
     size, (least, most) = float(np.abs(mean).max()) or 1.0, _bounds(spaces, action)
     has_signs = least < 0.0 < most
     norm = Normalize(-size, size) if has_signs else Normalize(float(mean.min()), float(mean.max()))
@@ -112,22 +108,13 @@ def _draw_map(
     colour_bar(axes, image, view.names.actions[action])
     centres = view.centres()
     if centres is not None:
-        axes.plot(*centres[:, columns].T, "o", color="black", mec="white", mew=0.5, markersize=4.5, label="centres")
+        axes.plot(*centres[:, pair].T, "o", color="black", mec="white", mew=0.5, markersize=4.5, label="centres")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     label(axes, view.labels[pair[0]], view.labels[pair[1]])
-    return paths
 
 
-def _draw_line(
-    axes: Axes,
-    view: PolicyAxes,
-    spaces: Spaces,
-    episodes: Sequence[Episodes],
-    visited: Sequence[Array],
-    pair: tuple[int, int],
-    action: int,
-) -> list[Array]:
-    """Draw the mean with the standard deviation of the exploration, and the centres; return the actions taken."""
+def _draw_line(axes: Axes, view: PolicyAxes, spaces: Spaces, visited: Sequence[Array], action: int) -> None:
+    """Draw the mean with the standard deviation of the exploration, and the centres."""
     (low,), (high,) = _range(visited)
     x, policy = np.linspace(low, high, 4 * CELLS), view.policy
     inputs = view.inputs(x[:, None])
@@ -141,8 +128,6 @@ def _draw_line(
         axes.plot(centres[:, 0], heights, "o", color="black", mec="white", mew=0.5, markersize=5, label="centres")
     axes.set_xlim(low, high)
     label(axes, view.labels[0], view.names.actions[action])
-    taken = [spaces.clip(each.actions[0][each.mask[0]])[:, action] for each in episodes]
-    return [np.stack([points[:, 0], actions], axis=1) for points, actions in zip(visited, taken, strict=True)]
 
 
 def _draw_times(axes: Axes, view: PolicyAxes, spaces: Spaces, episode: Episodes, action: int) -> None:

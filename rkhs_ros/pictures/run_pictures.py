@@ -67,11 +67,7 @@ def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spa
 
 
 def _checked(episodes: Episodes, policy: GaussianPolicy) -> Episodes:
-    """Return episodes that a policy can have run, with a step to draw.
-
-    Raises:
-        ValueError: there is no step to draw, or the dimensions differ from those of the policy.
-    """
+    """Return episodes that a policy can have run, with a step to draw."""
     require(bool(episodes.mask[:1].any()), "recording", "an episode with at least one step", "none")
     widths = (episodes.observations.shape[2], episodes.actions.shape[2])
     expected = (policy.mean.input_dim, policy.mean.output_dim)

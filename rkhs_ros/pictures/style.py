@@ -157,11 +157,7 @@ def draw_references(axes: Axes, known: dict[str, float]) -> None:
 
 
 def write(path: Path, figure: Figure, **options: Any) -> None:
-    """Write a figure with an opaque background; replace an existing file atomically.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a figure with an opaque background; replace an existing file atomically."""
     content = BytesIO()
     figure.savefig(content, **{"dpi": DPI, "facecolor": "white", "transparent": False, **options})
     write_whole(path, content.getvalue(), sync=False)  # can be drawn again from the run's files

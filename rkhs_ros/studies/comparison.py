@@ -174,11 +174,7 @@ def _folder(group: dict[int, Run], seed: int) -> str:
 
 
 def _common_task(runs: list[Run]) -> Task:
-    """Return the common task of all runs.
-
-    Raises:
-        ValueError: the runs have different tasks.
-    """
+    """Return the common task of all runs."""
     first = runs[0].config.task
     for run in runs:
         for name in ("environment", "horizon", "discount"):

@@ -182,11 +182,7 @@ def _visuals(link: Element, paints: Mapping[str, str], folder: Path) -> Iterator
 
 
 def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
-    """Return the shape of a visual element.
-
-    Raises:
-        Exception: the shape is unknown, or its mesh cannot be read.
-    """
+    """Return the shape of a visual element."""
     shape = visual.findall("geometry/*")[0]
     match shape.tag:
         case "box":

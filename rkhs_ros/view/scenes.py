@@ -135,11 +135,7 @@ def appearance_of(
 def _robot_appearance(
     task: Task, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
 ) -> tuple[Names, ShowsBodies]:
-    """Return the names of a robot, and its URDF, the scene of its simulated twin, or a timeline.
-
-    Raises:
-        ValueError: the parameters of the nodes are invalid.
-    """
+    """Return the names of a robot, and its URDF, the scene of its simulated twin, or a timeline."""
     robot = robot_task_from(nodes["robot"])
     names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
     scene: ShowsBodies | None = None

@@ -35,21 +35,12 @@ iframe { width: 100%; height: 620px; border: 1px solid #ccc; }
 
 
 def source_of(path: Path) -> Recorded:
-    """Open the run in a folder, or in a recording.
-
-    Raises:
-        ValueError: the path contains no run.
-        OSError: the folder or file does not exist.
-    """
+    """Open the run in a folder, or in a recording."""
     return Recorded(path.parent if path.name == FILE and is_started(path.parent) else path)
 
 
 def wait_for_recording(file: Path) -> Recorded:
-    """Wait for a starting run to begin its recording, and open it.
-
-    Raises:
-        ValueError: the recording does not begin in time.
-    """
+    """Wait for a starting run to begin its recording, and open it."""
     deadline = time.monotonic() + BEGIN_TIMEOUT_S
     while time.monotonic() < deadline:
         with suppress(ValueError, OSError):
@@ -141,9 +132,6 @@ def html_page(source: Recorded) -> str:
 
     Args:
         source: a run with at least one iteration.
-
-    Raises:
-        ValueError: the run has no complete iteration.
     """
     source.refresh()
     require(bool(source.rows), f"{source.path}", "a run with at least one complete iteration", "none")
