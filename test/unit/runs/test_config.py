@@ -74,10 +74,8 @@ def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None
     ("change", "message"),
     [
         ("seed", "--set: expected KEY=VALUE, got 'seed'"),
-        ("seed=x", "seed: expected a whole number, got 'x'"),
         ("sead=1", r"unknown key 'sead', did you mean 'seed'\?"),
         ("seed.x=1", "seed: expected"),
-        ("environment.id=5", r"environment\.id: expected text, got 5"),
         ("environment.options=5", r"environment\.options: expected a section of keys, got 5"),
         ("kernel.bandwidth=mean", r"kernel\.bandwidth: unknown choice 'mean'"),
     ],
