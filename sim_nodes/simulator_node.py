@@ -12,13 +12,13 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
 from rkhs_ros.nodes.core.parameters import declare, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.policies.messages import shaped
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.inline_runner import EpisodeRecorder
 from rkhs_ros.rollouts.simulation import Frame, Simulation

@@ -14,13 +14,13 @@ import numpy as np
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes, Execution
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import doubles, policy_message, spaces_fields
 from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import PACKAGE, Types, decoded, definition, encoded
+from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.recordings.recording import (
     Head,
     Recording,

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes, Execution
-from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_of, spaces_of
 from rkhs_ros.policies.spaces import Spaces
@@ -20,6 +19,7 @@ from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import Stored, read_messages
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
+from rkhs_ros.recordings.messages import episodes_of, executions_of
 
 FILE = "recording.mcap"
 BAG = "metadata.yaml"  # in the folder of a bag

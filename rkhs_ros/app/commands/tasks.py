@@ -13,11 +13,11 @@ from rkhs_ros.app.domain import VARIABLE
 from rkhs_ros.app.inline import runner_of, spaces_of, untuned_config
 from rkhs_ros.app.launcher import launch_worlds, write_parameters
 from rkhs_ros.app.robots import check_robot
+from rkhs_ros.app.task_check import TaskCheck
 from rkhs_ros.base.validation import require, require_ros
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KERNELS
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.learning.task_check import TaskCheck
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import load_config
 

@@ -15,13 +15,13 @@ from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.episodes import Episodes, Execution
-from rkhs_ros.learning.messages import episodes_of, executions_of
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.peers import Peers, fresh_number
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, PeerError
 from rkhs_ros.policies.messages import spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.messages import episodes_of, executions_of
 from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"

@@ -14,7 +14,6 @@ from rkhs_ros.base.endings import RunError, SilentError, Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes as EpisodeValues
 from rkhs_ros.learning.episodes import Execution
-from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of
 from rkhs_ros.nodes.core.parameters import declare, declared, given
@@ -22,6 +21,7 @@ from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from rkhs_ros.nodes.robot.robot_driver import EpisodeDriver
 from rkhs_ros.policies.messages import spaces_fields
 from rkhs_ros.policies.streams import Batch
+from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.robot.episode import RobotEpisode
 from rkhs_ros.robot.task import robot_task_from
 

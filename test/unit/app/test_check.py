@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rkhs_ros.app.task_check import TaskCheck
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.task_check import TaskCheck
 from rkhs_ros.policies.spaces import Spaces
 from test.unit.conftest import model_free
 

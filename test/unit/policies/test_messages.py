@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.messages import episodes_message, episodes_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.definitions import Types
+from rkhs_ros.recordings.messages import episodes_message, episodes_of
 
 ROWS, HORIZON = 3, 4
 BATCH = Batch(0, 0, ROWS, HORIZON, explore=True)

@@ -11,10 +11,10 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rkhs_ros.learning.episodes import Episodes, Execution, Record, discard
-from rkhs_ros.learning.messages import episodes_message
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
+from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.recordings.recording import RecordedBatch, Recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
