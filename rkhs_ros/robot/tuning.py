@@ -19,7 +19,7 @@ from rkhs_ros.robot.task import Reward, sensors_from
 SCALES = ("linear", "log")
 CENTRES = 200  # of the model of the reward
 ANYWHERE, NEARBY, NEARBY_SD = 1000, 500, 0.15  # candidates for a trial, and how far the latter are from the best one
-NEAR, FEWEST_PAIRS = 0.1, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
+NEAR, FEWEST_PAIRS = 0.03, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
 DRAWS = 16  # of the reward, whose maxima show what may be gained
 
 
