@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from rkhs_ros.base.settings import Settings, build, setting
 from rkhs_ros.base.validation import hint, require
@@ -18,9 +19,10 @@ from rkhs_ros.robot.task import Reward, sensors_from
 
 SCALES = ("linear", "log")
 CENTRES = 200  # of the model of the reward
-ANYWHERE, NEARBY, NEARBY_SD = 1000, 500, 0.15  # candidates for a trial, and how far the latter are from the best one
+ANYWHERE, NEARBY = 1000, 300  # candidates for a trial in the ranges, and at each distance from the best trial
+NEARBY_SD = (0.03, 0.1, 0.3)  # these distances
+LEAST_SD = 1e-12  # of the reward, to divide by
 NEAR, FEWEST_PAIRS = 0.03, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
-DRAWS = 16  # of the reward, whose maxima show what may be gained
 
 
 @dataclass(frozen=True)
@@ -145,12 +147,14 @@ class Trials(NamedTuple):
         return np.concatenate([self.contexts, self.places], axis=1)
 
 
-def next_places(trials: Trials, context: Array, seed: int) -> Array:
-    """Return the places of the parameters to try next, shape (p,): Thompson sampling.
+def next_places(trials: Trials, context: Array, seed: int) -> tuple[Array, float]:
+    r"""Return the places of the parameters to try next, shape (p,), and the expected improvement there.
 
-    The first trials are spread over the ranges. Then a function of context and places is drawn from the posterior of
-    the reward, and the best of many candidates for the current context is tried: where the reward is uncertain, draws
-    differ, and some are high.
+    The first trials are spread over the ranges. Then, with mean m and standard deviation s of the posterior of the
+    reward and the greatest mean m* of the trials, the candidate with the greatest expected improvement is tried (Jones,
+    Schonlau and Welch, 1998):
+
+    .. math:: s\, \big(z \Phi(z) + \phi(z)\big), \qquad z = (m - m^*) / s
 
     Args:
         trials: the finished trials.
@@ -158,28 +162,22 @@ def next_places(trials: Trials, context: Array, seed: int) -> Array:
         seed: seed of the run.
     """
     number, size = trials.places.shape
-    random = stream(seed, "tuning", number)
     if number < 2 * (size + 1):  # of at least as many spread points
         from scipy.stats.qmc import Sobol  # here, since the import takes half a second
 
-        return np.asarray(2.0 * Sobol(size, seed=seed).random_base2(size + 1)[number] - 1.0)
-    posterior, candidates = _model(trials, context, random)
-    draw = posterior.draw(random.standard_normal((1, *posterior.draw_shape)))
-    return np.asarray(candidates[draw.of_draw(0, candidates)[:, 0].argmax(), len(context) :])
+        return np.asarray(2.0 * Sobol(size, seed=seed).random_base2(size + 1)[number] - 1.0), np.inf
+    posterior, candidates = _model(trials, context, stream(seed, "tuning", number))
+    mean, sd = posterior.mean(candidates)[:, 0], np.maximum(posterior.sd(candidates)[:, 0], LEAST_SD)
+    z = (mean - posterior.mean(trials.points).max()) / sd
+    gains = sd * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi))
+    return np.asarray(candidates[gains.argmax(), len(context) :]), float(gains.max())
 
 
-def expects_gain(trials: Trials, context: Array, seed: int) -> bool:
-    """Return whether the expected gain exceeds the noise, the median difference of trials that nearly repeat others."""
+def noise_of(trials: Trials) -> float:
+    """Return the noise of the reward, the median difference of trials that nearly repeat others; 0 without enough."""
     differences = trials.points[:, None] - trials.points
     pairs = np.argwhere(np.triu(np.linalg.norm(differences, axis=2) < NEAR, k=1))
-    if len(pairs) < FEWEST_PAIRS:
-        return True
-    noise = np.median(np.abs(np.diff(trials.rewards[pairs], axis=1)))
-    random = stream(seed, "gain", len(trials.rewards))
-    posterior, candidates = _model(trials, context, random)
-    draws = posterior.draw(random.standard_normal((DRAWS, *posterior.draw_shape)))
-    best = np.mean([draws.of_draw(row, candidates).max() for row in range(DRAWS)])
-    return bool(best - posterior.mean(trials.points).max() > noise)
+    return float(np.median(np.abs(np.diff(trials.rewards[pairs], axis=1)))) if len(pairs) >= FEWEST_PAIRS else 0.0
 
 
 def best_places(trials: Trials, context: Array, seed: int) -> Array:
@@ -191,8 +189,8 @@ def best_places(trials: Trials, context: Array, seed: int) -> Array:
 def _model(trials: Trials, context: Array, random: np.random.Generator) -> tuple[Posterior, Array]:
     """Return the posterior of the reward, and candidates for a context: anywhere, and near the best trial."""
     size = trials.places.shape[1]
-    best = trials.places[trials.rewards.argmax()]
-    near = np.clip(best + NEARBY_SD * random.standard_normal((NEARBY, size)), -1.0, 1.0)
+    best, steps = trials.places[trials.rewards.argmax()], random.standard_normal((len(NEARBY_SD), NEARBY, size))
+    near = np.clip(best + np.reshape(NEARBY_SD, (-1, 1, 1)) * steps, -1.0, 1.0).reshape(-1, size)
     places = np.concatenate([random.uniform(-1.0, 1.0, (ANYWHERE, size)), near])
     candidates = np.concatenate([np.tile(context, (len(places), 1)), places], axis=1)
     return Posterior.fit(trials.points, trials.rewards[:, None], CENTRES), candidates

@@ -13,7 +13,7 @@ import numpy as np
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require, require_ros
 from rkhs_ros.base.yaml_text import loaded
-from rkhs_ros.robot.tuning import Trials, Tuning, best_places, expects_gain, next_places, tuning_from
+from rkhs_ros.robot.tuning import Trials, Tuning, best_places, next_places, noise_of, tuning_from
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.tuned_node import TunedNode
@@ -104,10 +104,11 @@ def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[
     confirmed = 0 if tuning.context else CONFIRMED
     while len(record.rows) < tuning.trials - confirmed:
         context, trials = node.context(), record.trials
-        if not expects_gain(trials, context, seed):
+        places, gain = next_places(trials, context, seed)
+        if gain < noise_of(trials):
             print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
             break
-        record.run(node, context, node.values(next_places(trials, context, seed)))
+        record.run(node, context, node.values(places))
     trials = record.trials
     if tuning.context:
         return node.values(best_places(trials, node.context(), seed))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.tuning import Parameter, Trials, best_places, expects_gain, next_places, tuning_from
+from rkhs_ros.robot.tuning import Parameter, Trials, best_places, next_places, noise_of, tuning_from
 
 TREE: dict[str, Any] = {
     "node": "controller",
@@ -45,7 +45,8 @@ def trials_of(seed: int, count: int, contexts: int = 0) -> tuple[Trials, Callabl
     trials = Trials(np.empty((0, contexts)), np.empty((0, 2)), np.empty(0))
     for _ in range(count):
         context = random.uniform(-0.4, 0.4, contexts)
-        places = next_places(trials, context, seed)
+        places, gain = next_places(trials, context, seed)
+        assert gain > 0.0
         assert (np.abs(places) <= 1.0).all()
         rows = (context, places, np.array(reward(context, places)))
         trials = Trials(*(np.concatenate([old, new[None]]) for old, new in zip(trials, rows, strict=True)))
@@ -68,11 +69,13 @@ def test_the_best_parameters_follow_the_context(seed: int) -> None:
         np.testing.assert_allclose(best_places(trials, np.array([shift]), seed), [0.3 + shift, -0.5], atol=0.15)
 
 
-def test_no_gain_is_expected_once_trials_repeat_each_other_within_their_noise() -> None:
-    trials, _ = trials_of(0, 30)
-    noisy = trials._replace(rewards=trials.rewards + 0.5 * np.random.default_rng(0).standard_normal(30))
-    assert expects_gain(trials_of(0, 8)[0], np.empty(0), 0)
-    assert not expects_gain(noisy, np.empty(0), 0)
+def test_the_noise_is_the_difference_of_trials_that_repeat_each_other() -> None:
+    trials, _ = trials_of(0, 8)
+    assert noise_of(trials) == 0.0
+    twice = Trials(*(np.concatenate([each, each]) for each in trials))
+    noisy = twice._replace(rewards=twice.rewards + np.repeat([0.0, 0.5], 8))
+    assert noise_of(noisy) == pytest.approx(0.5)
+    assert next_places(trials_of(0, 25)[0], np.empty(0), 0)[1] < 0.01  # nothing more to gain
 
 
 def test_the_context_is_chosen_by_the_names_of_observed_values() -> None:
