@@ -94,6 +94,19 @@ def test_the_best_parameters_are_written_and_the_earlier_ones_set_again(
     assert not (tmp_path / "out" / "parameters_before.yaml").exists()
 
 
+def test_a_finished_run_is_not_repeated_and_another_tuning_is_refused(tuned: Tuned, tune: Tune, tmp_path: Path) -> None:
+    code, out, _ = ended(tuned, tune("--trials", 8))
+    trials = tuned.trials + tuned.rejected
+    again = ended(tuned, tune("--trials", 8))
+    assert (code, again[:2], tuned.trials + tuned.rejected) == (0, (0, out), trials)
+    narrow = TREE["parameters"] | {"gain": {"minimum": 0.5, "maximum": 1.0}}
+    code, _, err = ended(tuned, tune(parameters=narrow))
+    assert (code, tuned.trials + tuned.rejected) == (2, trials)
+    assert "expected a new folder, or the run of the same tuning and seed, got the run of another one" in err
+    (tmp_path / "out" / "tuning.yaml").unlink()
+    assert "one in use" in ended(tuned, tune())[2]
+
+
 def test_the_best_parameters_stay_on_request(tuned: Tuned, tune: Tune, tmp_path: Path) -> None:
     code, *_ = ended(tuned, tune("--trials", 8, "--apply"))
     (best,) = yaml.safe_load((tmp_path / "out" / "parameters.yaml").read_text()).values()

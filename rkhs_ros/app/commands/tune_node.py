@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require, require_ros
-from rkhs_ros.base.yaml_text import loaded
+from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.robot.tuning import Trials, Tuning, best_places, next_places, noise_of, tuning_from
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.tuned_node import TunedNode
 
 CONFIRMED = 3  # best trials that are repeated at the end
-RECORD, BEST = "trials.csv", "parameters.yaml"
+TUNING, RECORD, BEST = "tuning.yaml", "trials.csv", "parameters.yaml"  # in the folder of a run
 
 
 def add_tune_node(parser: argparse.ArgumentParser) -> None:
@@ -41,13 +42,17 @@ def run(options: argparse.Namespace) -> int:
         RunError: a node is silent, or the reward fails.
     """
     require_ros("rkhs tune-node")
-    tree = loaded(options.file.read_text())
-    tuning = tuning_from(tree | ({"trials": options.trials} if options.trials else {}))
+    try:
+        tree = loaded(options.file.read_text())
+        tuning = tuning_from(tree | ({} if options.trials is None else {"trials": options.trials}))
+    except ValueError as error:
+        raise ValueError(f"{options.file}: {error}") from error
     folder = options.out or Path("results", options.file.stem)
     from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS
 
     for number in (signal.SIGHUP, signal.SIGQUIT):  # like Ctrl-C: the parameters are set again
         signal.signal(number, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    _begin(folder, dumped({"seed": options.seed} | {key: each for key, each in tree.items() if key != "trials"}))
     record = Record(folder / RECORD, tuning)
     with one_thread(), closing(TunedNode(tuning, folder)) as node:
         values = _best(node, tuning, record, options.seed)
@@ -61,48 +66,64 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-class Record:
-    """The finished trials of a run, in a file with one line for each.
+def _begin(folder: Path, described: str) -> None:
+    """Create the folder of a run, or check that it contains one of the same tuning, whose trials may go on.
 
     Raises:
-        ValueError: the file belongs to another tuning, or is damaged.
+        ValueError: the folder contains something else, or another tuning, whose trials may lie outside these ranges.
     """
+    file = folder / TUNING
+    if file.is_file():
+        same = file.read_text() == described
+        require(same, f"{folder}", "a new folder, or the run of the same tuning and seed", "the run of another one")
+        return
+    in_use = folder.is_dir() and any(folder.iterdir())
+    require(not in_use, f"{folder}", "a new or empty folder, or an unfinished tuning", "one in use")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(file, described.encode())
+
+
+class Record:
+    """The finished trials of a run, in a file with one line for each; a repetition names the trial that it repeats."""
 
     def __init__(self, path: Path, tuning: Tuning) -> None:
         self._path, self._tuning = path, tuning
-        self._columns = [*tuning.context, *tuning.parameters, "reward", "rejected"]
+        self._columns = [*tuning.context, *tuning.parameters, "reward", "rejected", "repeats"]
         self.rows: list[list[Any]] = []
         if path.is_file():
-            header, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
-            require(header == self._columns, f"{path}", f"the columns {', '.join(self._columns)}", ", ".join(header))
-            self.rows = [[*map(float, row[:-1]), row[-1]] for row in rows if len(row) == len(header)]  # not a torn one
+            _, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
+            whole = [row for row in rows if len(row) == len(self._columns)]  # the last one may be torn
+            self.rows = [[*map(float, row[:-2]), *row[-2:]] for row in whole]
 
     @property
     def trials(self) -> Trials:
-        """The trials as arrays."""
-        tuning = self._tuning
-        numbers = np.array([row[:-1] for row in self.rows], dtype=float).reshape(len(self.rows), len(self._columns) - 1)
+        """The trials as arrays, without repetitions."""
+        tuning, rows = self._tuning, [row[:-2] for row in self.rows if not row[-1]]
+        numbers = np.array(rows, dtype=float).reshape(len(rows), len(self._columns) - 2)
         contexts, values = numbers[:, : len(tuning.context)], numbers[:, len(tuning.context) : -1]
         places = [tuning.places(dict(zip(tuning.parameters, row, strict=True))) for row in values]
         return Trials(contexts, np.reshape(places, values.shape), numbers[:, -1])
 
-    def run(self, node: "TunedNode", context: np.ndarray, values: dict[str, Any]) -> float:
-        """Run a trial, add it to the file, say how it went, and return its reward."""
+    @property
+    def repetitions(self) -> dict[int, float]:
+        """The rewards of repetitions by the number of the trial, from 1."""
+        return {int(row[-1]): float(row[-3]) for row in self.rows if row[-1]}
+
+    def run(self, node: "TunedNode", context: np.ndarray, values: dict[str, Any], repeats: str = "") -> None:
+        """Run a trial, or the repetition of one; add it to the file, and say how it went."""
         reward, reason = node.trial(values)
-        self.rows.append([*context, *values.values(), reward, reason])
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self.rows.append([*context, *values.values(), reward, reason, repeats])
         with self._path.open("a", newline="") as file:
             csv.writer(file).writerows([self._columns, self.rows[-1]] if len(self.rows) == 1 else [self.rows[-1]])
         told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         end = f"rejected: {reason}" if reason else f"reward {reward:.4g}"
         print(f"trial {len(self.rows)} of {self._tuning.trials}: {told}: {end}", file=sys.stderr, flush=True)
-        return reward
 
 
 def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[str, Any]:
     """Run the trials, repeat the best ones, and return the best parameters, for the current context if there is one."""
     confirmed = 0 if tuning.context else CONFIRMED
-    while len(record.rows) < tuning.trials - confirmed:
+    while len(record.trials.rewards) < tuning.trials - confirmed:
         context, trials = node.context(), record.trials
         places, gain = next_places(trials, context, seed)
         if gain < noise_of(trials):
@@ -112,7 +133,9 @@ def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[
     trials = record.trials
     if tuning.context:
         return node.values(best_places(trials, node.context(), seed))
-    scores = {}
-    for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]:
-        scores[row] = trials.rewards[row] + record.run(node, node.context(), node.values(trials.places[row]))
+    best = [int(row) for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]]
+    for row in best:
+        if row + 1 not in record.repetitions:
+            record.run(node, node.context(), node.values(trials.places[row]), repeats=str(row + 1))
+    scores = {row: trials.rewards[row] + record.repetitions[row + 1] for row in best}
     return node.values(trials.places[max(scores, key=lambda row: float(scores[row]))])
