@@ -27,8 +27,8 @@ SECTIONS = ("Update", "Settings", "Metrics", "Deviations from the paper", "Repro
 def returns(figure: str) -> dict[str, str]:
     """Return the final returns of a figure by the label of the curve."""
     section = (ROOT / "docs" / "results.md").read_text().split(f"\n## {figure}\n")[1].split("\n## ")[0]
-    rows = (line.split(" | ") for line in section.splitlines() if line.startswith("| "))
-    return {cells[1]: cells[5] for cells in rows}
+    rows = (line.strip("| ").split(" | ") for line in section.splitlines() if line.startswith("| "))
+    return {cells[-4]: cells[-3] for cells in rows}
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
