@@ -132,5 +132,6 @@ def test_the_page_of_results_has_the_returns_of_the_figures(name: str) -> None:
     lasts = {key: np.array(list(each.values())) for key, each in final.items()}
     width = len(rows[0]) - 3  # a figure with one plot has no column of it
     assert {row[:width]: row[width:] for row in rows} == {
-        key[-width:]: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std())) for key, last in lasts.items()
+        key[-width:]: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std()))
+        for key, last in lasts.items()
     }
