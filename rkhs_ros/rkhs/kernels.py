@@ -210,7 +210,7 @@ class Linear(Kernel):
 
 
 @dataclass(frozen=True)
-class _Pair(Kernel):
+class Pair(Kernel):
     """Two kernels, whose values an operation combines."""
 
     left: Kernel
@@ -233,14 +233,14 @@ class _Pair(Kernel):
 
 
 @dataclass(frozen=True)
-class Sum(_Pair):
+class Sum(Pair):
     """Sum of two kernels."""
 
     name, combine = "sum", np.add
 
 
 @dataclass(frozen=True)
-class Product(_Pair):
+class Product(Pair):
     """Product of two kernels."""
 
     name, combine = "product", np.multiply
