@@ -218,17 +218,17 @@ class Pair(Kernel):
     name: ClassVar[str]
     combine: ClassVar[np.ufunc]
 
-    def __call__(self, x: Array, y: Array) -> Array:
+    def __call__(self, x: Array, y: Array) -> Array:  # noqa: D102
         return np.asarray(self.combine(self.left(x, y), self.right(x, y)))
 
-    def diagonal(self, x: Array) -> Array:
+    def diagonal(self, x: Array) -> Array:  # noqa: D102
         return np.asarray(self.combine(self.left.diagonal(x), self.right.diagonal(x)))
 
     @property
-    def is_positive(self) -> bool:
+    def is_positive(self) -> bool:  # noqa: D102
         return self.left.is_positive and self.right.is_positive
 
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[Term, ...]:  # noqa: D102
         return (*self.left.terms(), *self.right.terms(), Term(self.name, ()))
 
 
