@@ -87,6 +87,19 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     return cls(**{k: _convert(f, types[k], values[k], path + k) for k, f in known.items() if k in values})
 
 
+def build_section(cls: type[T], values: Any, path: str) -> T:
+    """Build the settings of a section whose dotted path is ``path``, which every error names.
+
+    Raises:
+        ValueError: as for `build`.
+    """
+    try:
+        return build(cls, values, f"{path}.")
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if path in text else f"{path}: {text}") from error
+
+
 def _meant(key: str, cls: type, known: Mapping[str, Any], path: str) -> str:
     """Return a hint for an unknown key: the full names of nested settings of that name, or the closest full name."""
     within = [path + entry.name for entry in entries(cls()) if entry.name.rpartition(".")[2] == key]

@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.settings import Entry, Settings, build, entries, setting
+from rkhs_ros.base.settings import Entry, Settings, build, build_section, entries, setting
 from rkhs_ros.base.user_code import call_user_function, user_function
 from rkhs_ros.base.validation import LARGEST, numbers, require, truncated
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import KINDS
 from rkhs_ros.robot.reset import Reset
-from rkhs_ros.robot.sensors import TYPE, UNITS, Sensor, Sensors, parts_of
+from rkhs_ros.robot.sensors import TYPE, UNITS, ReceivedMessage, Sensor, Sensors, field_values, fresh, parts_of
 
 NAME = re.compile(r"[A-Za-z]\w*")
 Numbers = tuple[float, ...]
@@ -129,6 +129,17 @@ class Reward(Settings):
             RunError: the function fails, or does not return a finite number.
         """
         return self.of(from_topic, before, executed, after)
+
+    def heard(self, messages: Mapping[str, ReceivedMessage], now: float, stale_after: float) -> float:
+        """Return the newest value of the topic; 0 without one.
+
+        Raises:
+            SensingError: no message has arrived, the newest one is stale, or its value is not a number.
+        """
+        if not self.topic:
+            return 0.0
+        (value,) = field_values(fresh(messages, self.topic, now, stale_after), self.field)
+        return value
 
     def of(self, from_topic: float, *arrays: Array) -> float:
         """Return the value of the function for its arguments, plus that of the topic.
@@ -257,13 +268,6 @@ def sensors_from(sections: Any) -> dict[str, Sensor]:
         ValueError: there is none, or one has an unknown key or an invalid value.
     """
     require(isinstance(sections, Mapping) and len(sections) > 0, "sensors", "a section for each sensor", sections)
-    return {str(name): _sensor(str(name), section) for name, section in sections.items()}
-
-
-def _sensor(name: str, section: Any) -> Sensor:
-    require(bool(NAME.fullmatch(name)), "sensors", "names of letters, digits and _", repr(name))
-    try:
-        return build(Sensor, section, f"sensors.{name}.")
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if f"sensors.{name}" in text else f"sensors.{name}: {text}") from error
+    for name in map(str, sections):
+        require(bool(NAME.fullmatch(name)), "sensors", "names of letters, digits and _", repr(name))
+    return {str(name): build_section(Sensor, section, f"sensors.{name}") for name, section in sections.items()}

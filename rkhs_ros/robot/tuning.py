@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from rkhs_ros.base.settings import Settings, build, setting
+from rkhs_ros.base.settings import Settings, build, build_section, setting
 from rkhs_ros.base.validation import hint, require
 from rkhs_ros.policies.streams import stream
 from rkhs_ros.rkhs.kernels import Array
@@ -47,10 +47,9 @@ class Parameter(Settings):
 
     def value(self, place: float) -> float:
         """Return the value at a place of the range, from -1 to 1."""
-        share = 0.5 * (1.0 + place)
-        if self.scale == "log":
-            return float(self.minimum * (self.maximum / self.minimum) ** share)
-        return self.minimum + share * (self.maximum - self.minimum)
+        low, high, share = self.minimum, self.maximum, 0.5 * (1.0 + place)
+        value = low * (high / low) ** share if self.scale == "log" else low + share * (high - low)
+        return float(min(max(value, low), high))  # rounding errors are outside, and the node would reject them
 
 
 @dataclass(frozen=True)
@@ -115,17 +114,9 @@ def tuning_from(tree: Mapping[str, Any]) -> Tuning:
     for name in tuning.context:
         if name not in sensors.names:
             raise ValueError(f"context: unknown value '{name}', {hint(name, dict.fromkeys(sensors.names))}")
-    parameters = {str(name): _parameter(str(name), section) for name, section in ranges.items()}
+    parameters = {str(name): build_section(Parameter, each, f"parameters.{name}") for name, each in ranges.items()}
     _ = tuning.reward.rule  # raises if it cannot be imported
     return replace(tuning, parameters=parameters, sensors=sensors)
-
-
-def _parameter(name: str, section: Any) -> Parameter:
-    try:
-        return build(Parameter, section, f"parameters.{name}.")
-    except ValueError as error:
-        text = str(error)
-        raise ValueError(text if f"parameters.{name}" in text else f"parameters.{name}: {text}") from error
 
 
 class Trials(NamedTuple):

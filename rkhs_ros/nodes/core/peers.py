@@ -2,16 +2,22 @@
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
+import rclpy
 from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.exceptions import NameValidationException
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
 from rkhs_ros.base.endings import SilentError, Stop, StoppedError, deferred_signals
+from rkhs_ros.base.validation import truncated
+from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode
+from rkhs_ros.nodes.core.transport import using_udp
 
 CONNECTION_S = 5.0  # for the topics between nodes that have just started to connect
 LOGGED_AFTER_S = 3.0  # of waiting for a node
@@ -128,3 +134,52 @@ class Peers:
     def silent(self, name: str, how: str = "did not answer") -> SilentError:
         """Return the error that a node was silent for too long."""
         return SilentError(f"the {name} node {how} within {self.timeout_s:g} s")
+
+
+class ClientNode(ReportingNode):
+    """A node that calls others, with a ROS context of its own, so that its process may have other nodes.
+
+    Args:
+        name: of the node.
+        timeout: seconds after which a silent node is an error.
+        namespace: of the node.
+        domain: ROS domain; None for ROS_DOMAIN_ID.
+        report: returns further values to report.
+
+    Attributes:
+        peers: its calls to other nodes.
+
+    Raises:
+        ValueError: the namespace is invalid.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        timeout: float,
+        *,
+        namespace: str = "",
+        domain: int | None = None,
+        report: Callable[[], Mapping[str, object]] = dict,
+    ) -> None:
+        context = Context()
+        with using_udp():
+            rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+            try:
+                super().__init__(name, context=context, namespace=f"/{namespace.strip('/')}")
+            except NameValidationException as error:
+                context.try_shutdown()
+                raise ValueError(f"namespace: expected a ROS namespace, got {truncated(repr(namespace))}") from error
+        self.diagnostics = Diagnostics(self, report)
+        self.peers = Peers(self, timeout)
+
+    def heartbeat(self) -> float:
+        """Publish the status if due; return the seconds until the next time."""
+        return self.diagnostics.heartbeat()
+
+    def close(self) -> None:
+        """Destroy the node and its context."""
+        if self.context.ok():
+            self.peers.close()
+            self.destroy_node()
+            self.context.try_shutdown()

@@ -11,23 +11,16 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import finite_array, missing_ros, require, truncated
+from rkhs_ros.base.validation import finite_array, missing_ros, require
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 
 try:
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.exceptions import NameValidationException
-    from rclpy.signals import SignalHandlerOptions
-
     from rkhs_interfaces.msg import Action, Observation
-    from rkhs_ros.nodes.core.diagnostics import Diagnostics
     from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observations_of
-    from rkhs_ros.nodes.core.peers import Peers, fresh_number
-    from rkhs_ros.nodes.core.spin import ReportingNode
-    from rkhs_ros.nodes.core.transport import LAST_DOMAIN, using_udp
+    from rkhs_ros.nodes.core.peers import ClientNode, fresh_number
+    from rkhs_ros.nodes.core.transport import LAST_DOMAIN
     from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
 except ImportError as error:
     got = missing_ros() or error
@@ -48,37 +41,25 @@ class _Result(NamedTuple):
     discard_reason: str = ""  # of a robot's episode
 
 
-class RemoteNode(ReportingNode):
-    """The client's node, with a ROS context of its own, so that the process may have other nodes.
+class RemoteNode(ClientNode):
+    """The client's node.
 
     Owns the link to the simulator or robot node.
     """
 
     def __init__(self, namespace: str, domain: int | None, timeout: float, hear: Callable[[Observation], None]) -> None:
-        context, place = Context(), namespace.strip("/")
-        with using_udp():
-            rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-            try:
-                super().__init__("remote", context=context, namespace=f"/{place}")
-            except NameValidationException as error:
-                context.try_shutdown()
-                raise ValueError(f"namespace: expected a ROS namespace, got {truncated(repr(namespace))}") from error
-        self.diagnostics = Diagnostics(self, lambda: {"batch": self.link.request.batch})
-        self.peers = Peers(self, timeout)
+        place = namespace.strip("/")
+        super().__init__("remote", timeout, namespace=namespace, domain=domain, report=self._report)
         self.actions = self.create_publisher(Action, "action", LOCKSTEP_QOS)
         self.create_subscription(Observation, "observation", hear, LOCKSTEP_QOS)  # before the link's clients, see there
         self.link = SimulatorLink(self, self.peers, f"/{place}/" if place else "", num_envs=1)
 
     def heartbeat(self) -> float:
         """Publish the status, and heartbeats to a robot, if due; return the seconds until the next ones."""
-        return min(self.diagnostics.heartbeat(), self.link.heartbeat())
+        return min(super().heartbeat(), self.link.heartbeat())
 
-    def close(self) -> None:
-        """Destroy the node and its context."""
-        if self.context.ok():
-            self.peers.close()
-            self.destroy_node()
-            self.context.try_shutdown()
+    def _report(self) -> dict[str, object]:
+        return {"batch": self.link.request.batch}
 
 
 class RemoteEnv(gymnasium.Env[Any, Any]):

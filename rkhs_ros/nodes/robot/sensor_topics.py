@@ -56,7 +56,7 @@ class SensorTopics:
 
     def __init__(self, node: Node, task: RobotTask) -> None:
         self._uses = list(_uses(task))
-        self._types = _types(self._uses)
+        self._types = types_of((use.topic, use.type, use.fields) for use in self._uses)
         self._newest: dict[str, tuple[bytes, float]] = {}
         self._sources = {use.topic: Source(node, use.topic, use.type, task.stale_after) for use in self._uses}
         for topic, kind in self._types.items():
@@ -118,24 +118,31 @@ def _uses(task: RobotTask) -> Iterator[Use]:
         yield Use("reward", reward.topic, reward.type, (reward.field,), read, is_needed=False)
 
 
-def _types(uses: Iterable[Use]) -> dict[str, Any]:
-    """Return the message classes of topics; raise ValueError for an unknown type or field, or two types of a topic."""
+def types_of(topics: Iterable[tuple[str, str, Sequence[str]]]) -> dict[str, Any]:
+    """Return the message classes of topics by name.
+
+    Args:
+        topics: the name of each topic, its type, and the fields that are read, by path; a topic may occur again.
+
+    Raises:
+        ValueError: a type is unknown or has no such field, or a topic has two types.
+    """
     types: dict[str, Any] = {}
-    for use in uses:
-        kind = message_type(use.type)
-        known = types.setdefault(use.topic, kind)
-        require(known is kind, f"topic {use.topic}", f"one type, {known.__name__}", use.type)
-        for field in use.fields:
+    for topic, name, fields in topics:
+        kind = _message_type(name)
+        known = types.setdefault(topic, kind)
+        require(known is kind, f"topic {topic}", f"one type, {known.__name__}", name)
+        for field in fields:
             check_field(kind(), field)
     return types
 
 
 def check_topics(task: RobotTask) -> None:
     """Raise ValueError if the type of a topic is unknown or has no such field, or a topic has two types."""
-    _types(_uses(task))
+    types_of((use.topic, use.type, use.fields) for use in _uses(task))
 
 
-def message_type(name: str) -> Any:
+def _message_type(name: str) -> Any:
     """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
 
     Raises:

@@ -6,28 +6,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 import yaml
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
-from rclpy.context import Context
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from rkhs_ros.base.endings import RunError, deferred_signals
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
-from rkhs_ros.nodes.core.peers import Peers
-from rkhs_ros.nodes.core.spin import ReportingNode
-from rkhs_ros.nodes.core.transport import using_udp
-from rkhs_ros.nodes.robot.sensor_topics import SENSOR_QOS, message_type
+from rkhs_ros.nodes.core.peers import ClientNode
+from rkhs_ros.nodes.robot.sensor_topics import SENSOR_QOS, types_of
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, check_field, field_values, fresh
+from rkhs_ros.robot.sensors import ReceivedMessage, SensingError
 from rkhs_ros.robot.tuning import Tuning
 
 Values = dict[str, Any]
@@ -36,39 +30,24 @@ BEFORE = "parameters_before.yaml"  # in the run's folder while they may be chang
 NUMBERS = {ParameterType.PARAMETER_DOUBLE: float, ParameterType.PARAMETER_INTEGER: round}
 
 
-class TuningNode(ReportingNode):
-    """The node that sets parameters and records sensors, with a ROS context of its own.
+class TuningNode(ClientNode):
+    """The node that sets parameters and records sensors.
 
     Owns the newest message of each topic.
+
+    Raises:
+        ValueError: a type is unknown or has no such field, or a topic has two types.
     """
 
     def __init__(self, tuning: Tuning) -> None:
-        context = Context()
-        with using_udp():
-            rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-            super().__init__("tuning", context=context)
-        self.diagnostics = Diagnostics(self, dict)
         self.heard: dict[str, ReceivedMessage] = {}
-        topics = {sensor.topic: (sensor.type, sensor.fields) for _, sensor in tuning.sensors}
+        topics = [(sensor.topic, sensor.type, sensor.fields) for _, sensor in tuning.sensors]
         if tuning.reward.topic:
-            topics[tuning.reward.topic] = tuning.reward.type, (tuning.reward.field,)
-        for topic, (name, fields) in topics.items():
-            kind = message_type(name)
-            for field in fields:
-                check_field(kind(), field)
+            topics.append((tuning.reward.topic, tuning.reward.type, (tuning.reward.field,)))
+        types = types_of(topics)  # before there is a node to close
+        super().__init__("tuning", tuning.timeout)
+        for topic, kind in types.items():
             self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
-        self.peers = Peers(self, tuning.timeout)
-
-    def heartbeat(self) -> float:
-        """Publish the status if due; return the seconds until the next time."""
-        return self.diagnostics.heartbeat()
-
-    def close(self) -> None:
-        """Destroy the node and its context."""
-        if self.context.ok():
-            self.peers.close()
-            self.destroy_node()
-            self.context.try_shutdown()
 
     def _hear(self, topic: str, message: Any) -> None:
         self.heard[topic] = ReceivedMessage(message, time.monotonic())
@@ -157,7 +136,8 @@ class TunedNode:
         if self._node.context.ok():
             try:
                 with deferred_signals():
-                    self._restore()
+                    self._require_set(self.before, "earlier")
+                    self._file.unlink(missing_ok=True)
             finally:
                 self._node.close()
 
@@ -167,8 +147,7 @@ class TunedNode:
         Raises:
             RunError: the node rejects them, or is silent.
         """
-        if reason := self.set(values):
-            raise RunError(f"{self.name}: expected the best parameters to be accepted, got: {reason}")
+        self._require_set(values, "best")
         self.before = values
 
     def _checked(self) -> dict[str, Any]:
@@ -194,7 +173,7 @@ class TunedNode:
         """Return the values before the run, and write them to the file; after a kill they are those of the file."""
         if self._file.is_file():
             before: Values = yaml.safe_load(self._file.read_text())[self.name]["ros__parameters"]
-            self._set_again(before)
+            self._require_set(before, "earlier")
             return before
         request = GetParameters.Request(names=list(self._tuning.parameters))
         values = self._peers.call(self._clients["get"], request, self.name, repeatable=True).values
@@ -202,13 +181,9 @@ class TunedNode:
         write_parameters(self._file, self.name, before)
         return before
 
-    def _restore(self) -> None:
-        self._set_again(self.before)
-        self._file.unlink(missing_ok=True)
-
-    def _set_again(self, values: Values) -> None:
+    def _require_set(self, values: Values, which: str) -> None:
         if reason := self.set(values):
-            raise RunError(f"{self.name}: expected the earlier parameters to be accepted, got: {reason}")
+            raise RunError(f"{self.name}: expected the {which} parameters to be accepted, got: {reason}")
 
     def _scored(self) -> float:
         """Run the trial, again if a sensor was silent for a moment, and return its reward."""
@@ -216,7 +191,8 @@ class TunedNode:
         for _ in range(ATTEMPTS):
             try:
                 times, rows = self._record()
-                return self._tuning.reward.of(self._from_topic(), times, rows)
+                heard = self._tuning.reward.heard(self._node.heard, time.monotonic(), self._tuning.stale_after)
+                return self._tuning.reward.of(heard, times, rows)
             except SensingError as error:
                 silent = str(error)
         raise RunError(f"trial: {silent}")
@@ -242,19 +218,10 @@ class TunedNode:
     def _sensed(self) -> Array:
         return self._tuning.sensors.observation(self._node.heard, time.monotonic())
 
-    def _from_topic(self) -> float:
-        """Return the newest value of the reward topic; 0 without one."""
-        reward, tuning = self._tuning.reward, self._tuning
-        if not reward.topic:
-            return 0.0
-        message = fresh(self._node.heard, reward.topic, time.monotonic(), tuning.stale_after)
-        return field_values(message, reward.field)[0]
-
     def _wait(self, seconds: float) -> None:
         self._peers.spin(lambda: False, seconds)
 
 
 def write_parameters(file: Path, node: str, values: Values) -> None:
     """Write parameters to a file that ``ros2 param load`` reads."""
-    file.parent.mkdir(parents=True, exist_ok=True)
     write_whole(file, yaml.safe_dump({node: {"ros__parameters": values}}, sort_keys=False).encode())
