@@ -27,7 +27,6 @@ COUNT = 0.001  # of the encoder, metres
 VISCOUS, DRY, SLIP = 2.0, 1.0, 0.005  # friction in N s/m and N, and the speed in m/s at which it is fully developed
 SMOOTHING = 0.3  # weight of the newest difference in the velocity
 GAINS = {"p": 20.0, "i": 1.0, "d": 1.0}
-PAYLOADS = (0.0, 1.0, 2.0)  # kg, one after another
 
 
 @dataclass
@@ -84,7 +83,7 @@ class AxisController(Node):  # type: ignore[misc]  # rclpy has no types
         allowed = [FloatingPointRange(from_value=0.0, to_value=1000.0)]
         for name, value in GAINS.items():
             self.declare_parameter(name, value, ParameterDescriptor(floating_point_range=allowed))
-        self._payloads = self.declare_parameter("payloads", [0.0]).value
+        self._payloads = self.declare_parameter("payloads", [0.0]).value  # kg, one after another
         self._steps, self._advanced_to = 0, 0.0  # monotonic time, seconds
         self._axis, self._controller, self._command = Axis(), Controller(**GAINS), 0.0
         self._joints = self.create_publisher(JointState, "joint_states", 1)

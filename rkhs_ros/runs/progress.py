@@ -123,7 +123,10 @@ def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
 
 
 def _notes(iteration: Iteration, training: Training, advice: Advice | None, *, is_robot: bool) -> Iterator[str]:
-    """Yield what an iteration has found, for a robot with the period of the same decisions, and advice."""
+    """Yield a line with the settings that an iteration has found, and a line with the advice for it.
+
+    A robot whose policy now holds its actions gets the period at which it would decide as often without that.
+    """
     if found := " ".join(settings_of(iteration.before, iteration.known)):
         repeat = iteration.policy.action_repeat
         is_slower = is_robot and repeat not in (1, iteration.before.action_repeat)

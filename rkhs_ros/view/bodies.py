@@ -117,9 +117,12 @@ class UrdfBodies:
             raise ValueError(f"{file}: expected visible bodies, got none")
 
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
-        """Return the frame of each body, shape (count, 4, 4), for the given joint positions, shape (count,) each.
+        """Return the frame of each body at a number of moments, shape (count, 4, 4).
 
-        A joint without a given position follows the joint that it mimics, or stays in the middle of its range.
+        Args:
+            positions: positions by joint, shape (count,). A joint without one follows the joint that it mimics, or
+                stays in the middle of its range.
+            count: number of moments.
         """
         frames: dict[str, Array] = {}
         return [self._frame(visual.link, positions, count, frames) @ visual.frame for visual in self.visuals]

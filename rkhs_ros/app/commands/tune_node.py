@@ -121,16 +121,15 @@ class Record:
 
 
 def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[str, Any]:
-    """Run the trials, repeat the best ones, and return the best parameters, for the current context if there is one."""
+    """Run the trials, and repeat the best ones; return the best parameters, with a context those for it now."""
     confirmed = 0 if tuning.context else CONFIRMED
-    while len(record.trials.rewards) < tuning.trials - confirmed:
-        context, trials = node.context(), record.trials
+    while len((trials := record.trials).rewards) < tuning.trials - confirmed:
+        context = node.context()
         places, gain = next_places(trials, context, seed)
         if gain < noise_of(trials):
             print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
             break
         record.run(node, context, node.values(places))
-    trials = record.trials
     if tuning.context:
         return node.values(best_places(trials, node.context(), seed))
     best = [int(row) for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]]
