@@ -81,8 +81,7 @@ def load_model(folder: str | Path) -> LearntModel:
     folder = old_folder(Path(folder))
     training, recording = load_config(folder / CONFIGURATION).training, read_recording(folder)
     updates, head, what = recording.updates, recording.head, f"{folder / FILE}"
-    if head is None or not updates:
-        raise ValueError(f"{what}: expected at least one finished iteration, got none")
+    require(bool(updates), what, "at least one finished iteration", "none")
     policy, ends = recording.policies[updates[-1].policy_version], [update.episodes for update in updates]
     memory = memory_of(ends, training, policy, head.spaces, recording.by_numbers(), what)
     state = State(len(updates), policy, memory, ends[-1], updates[-1].evaluation_episodes, updates[-1].steps)

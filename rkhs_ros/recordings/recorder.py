@@ -26,7 +26,6 @@ from rkhs_ros.recordings.recording import (
     Recording,
     faults_named,
     intact_messages,
-    own_messages,
     recording_of,
 )
 
@@ -154,11 +153,11 @@ def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Record
     else:
         with faults_named(path):
             messages = list(_until(found, iterations, keeps_later))
-            recording = recording_of(own_messages(messages))
+            recording = recording_of(messages)
     updates = [update.iteration for update in recording.updates]
     expected = f"the updates of the {iterations} finished iterations"
     require(updates == list(range(1, iterations + 1)), f"{path}", expected, f"{len(updates)} updates")
-    return (recording, messages) if recording.head else (Recording(), [])
+    return (recording, messages) if recording.heads else (Recording(), [])
 
 
 def _until(messages: Iterable[Stored], iterations: int, keeps_later: bool) -> Iterator[Stored]:

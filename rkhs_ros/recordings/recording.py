@@ -22,7 +22,6 @@ from rkhs_ros.recordings.definitions import PACKAGE, decoded
 from rkhs_ros.recordings.messages import episodes_of, executions_of
 
 FILE = "recording.mcap"
-BAG = "metadata.yaml"  # in the folder of a bag
 
 
 class RecordedBatch(NamedTuple):
@@ -99,7 +98,7 @@ class Recording:
     """Content of a recording.
 
     Attributes:
-        heads: headers; the run adds one if it resumes with other versions, and a bag of another recorder has none.
+        heads: headers; the run adds one if it resumes with other versions.
         policies: policies by version.
         batches: batches in the order in which they ended, including discarded ones.
         updates: messages of the finished iterations.
@@ -124,12 +123,17 @@ class Recording:
             case "Update":
                 self.updates.append(message)
             case "RecordedEpisodes":
-                self.batches.append(_batch(self.head, _numbers(message, message.episodes), message.episodes, time))
+                self.batches.append(_batch(message, self.head.spaces, time))
 
     @property
-    def head(self) -> Head | None:
-        """The first header; None if there is none."""
-        return self.heads[0] if self.heads else None
+    def head(self) -> Head:
+        """The first header.
+
+        Raises:
+            ValueError: there is none.
+        """
+        require(bool(self.heads), "recording", "a header", "none")
+        return self.heads[0]
 
     @property
     def action_repeat(self) -> int | None:
@@ -226,14 +230,14 @@ def head_of(message: Any) -> Head:
 
 
 def recording_file(path: Path) -> Path:
-    """Return the recording in the folder of a run; return a file, or the folder of a bag, unchanged.
+    """Return the recording in the folder of a run; return a file unchanged.
 
     Raises:
         FileNotFoundError: there is no recording.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such recording")
-    if not path.is_dir() or (path / BAG).is_file():
+    if not path.is_dir():
         return path
     if not (path / FILE).is_file():
         raise FileNotFoundError(f"{path}: no {FILE} in this folder")
@@ -244,19 +248,17 @@ def read_recording(path: Path) -> Recording:
     """Read a recording; skip damaged parts with a warning on standard error.
 
     Args:
-        path: an MCAP file, the folder of a recorded run, or the folder of a bag.
+        path: an MCAP file, or the folder of a recorded run.
 
     Raises:
         ValueError: the file is not a recording, or contains none of our messages.
         OSError: the file cannot be read.
     """
     path = recording_file(path)
-    messages = None if path.is_dir() else own_messages(intact_messages(path))
+    messages = intact_messages(path)
     with faults_named(path):
-        recording = recording_of(messages or _bag_messages(path))
-    require(
-        bool(recording.head or recording.batches), f"{path}", "a recording of a run", "no messages of rkhs_interfaces"
-    )
+        recording = recording_of(messages)
+    require(bool(recording.heads), f"{path}", "a recording of a run", "no header")
     return recording
 
 
@@ -293,51 +295,21 @@ def own_messages(messages: Iterable[Stored]) -> Iterator[tuple[str, int, Any]]:
             yield stored.kind, stored.time, decoded(stored.content, stored.kind, stored.definition)
 
 
-def _bag_messages(folder: Path) -> Iterator[tuple[str, int, Any]]:
-    """Yield the type, the time and the content of each message of this project in a bag."""
-    messages = [each for file in folder.glob("*.mcap") for each in intact_messages(file)]
-    yield from own_messages(sorted(messages, key=lambda each: each.time))
-
-
-def recording_of(messages: Iterable[tuple[str, int, Any]]) -> Recording:
-    """Return the content of messages of a recording or of topics, where observations contain a batch's numbers.
+def recording_of(messages: Iterable[Stored]) -> Recording:
+    """Return the content of messages.
 
     Raises:
         ValueError: a message is invalid.
     """
-    recording, batches, sent = Recording(), dict[int, Batch](), dict[tuple[int, bool], tuple[Any, int]]()
-    for kind, time, message in messages:
-        if kind == f"{PACKAGE}Observation":
-            batches.setdefault(message.batch, _numbers(message, message))
-        elif kind == f"{PACKAGE}Episodes":
-            is_discarded = any(execution.discard_reason for execution in message.executions)
-            sent.setdefault((message.batch, is_discarded), (message, time))  # a simulator may resend them
-        else:
-            recording.add(kind, time, message)
-    first = max((batch.first_episode + batch.num_envs for batch in batches.values()), default=0)
-    for message, time in sent.values():  # after all observations, since their order relative to episodes is undefined
-        if message.batch not in batches:
-            batches[message.batch] = Batch(0, first, message.num_envs, message.horizon, explore=True)
-            first += message.num_envs
-        whole = _batch(None, batches[message.batch], message, time)
-        recording.batches += [
-            whole._replace(batch=kind, episodes=whole.episodes.take(part), executions=whole.executions[part])
-            for kind, part in whole.batch.kinds
-        ]
+    recording = Recording()
+    for kind, time, message in own_messages(messages):
+        recording.add(kind, time, message)
     return recording
 
 
-def _numbers(message: Any, sizes: Any) -> Batch:
-    first, count, horizon = (int(each) for each in (message.first_episode, sizes.num_envs, sizes.horizon))
-    num_evaluation = {
-        name: int(getattr(message, name, 0)) for name in ("num_evaluation", "first_evaluation")
-    }  # of topics
-    return Batch(int(message.seed), first, count, horizon, explore=bool(message.explore), **num_evaluation)
-
-
-def _batch(head: Head | None, batch: Batch, message: Any, time: int) -> RecordedBatch:
-    d, n = len(message.final_observations) // batch.num_envs, len(message.actions) // (batch.num_envs * batch.horizon)
-    spaces = head.spaces if head else Spaces.unbounded(d, n)
+def _batch(message: Any, spaces: Spaces, time: int) -> RecordedBatch:
+    episodes, first, explore = message.episodes, int(message.first_episode), bool(message.explore)
+    batch = Batch(int(message.seed), first, int(episodes.num_envs), int(episodes.horizon), explore)
     return RecordedBatch(
-        batch, message.policy_version, episodes_of(message, batch, spaces), executions_of(message), time
+        batch, episodes.policy_version, episodes_of(episodes, batch, spaces), executions_of(episodes), time
     )

@@ -84,8 +84,8 @@ def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
 
 
 def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
-    sizes = *episodes.observations.shape[1:], episodes.actions.shape[2]
-    return (recording.head.task.environment, dict(recording.head.task.options), *sizes) if recording.head else sizes
+    task = recording.head.task
+    return task.environment, dict(task.options), *episodes.observations.shape[1:], episodes.actions.shape[2]
 
 
 def offline_settings(head: Head, changes: Iterable[str]) -> Training:

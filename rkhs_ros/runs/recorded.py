@@ -116,7 +116,7 @@ def recorded(
     done, is_robot = found.state.iterations if found else 0, bool(config.environment.nodes)
     held, messages = read_held(file, done, keeps_later=is_robot)
     is_new = not held.heads or held.heads[-1].versions != head.versions
-    if held.head:
+    if held.heads:
         _check_same_run(file, held.head, head)
     if held.heads and is_new:
         print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)

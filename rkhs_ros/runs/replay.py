@@ -83,8 +83,7 @@ def replay(recording: Recording) -> Iterator[Iteration]:
         DifferenceError: an update differs; the message names the first difference.
     """
     head = recording.head
-    if head is None or not recording.updates:
-        raise ValueError("recording: expected the recording of a run with updates, got no updates")
+    require(bool(recording.updates), "recording", "the recording of a run with updates", "no updates")
     given = recording.policies.get(1) if head.warm_start else None
     require(given is not None or not head.warm_start, "recording", "the initial policy", "none")
     runner = RecordedRunner(recording, head.spaces)

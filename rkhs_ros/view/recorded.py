@@ -80,7 +80,7 @@ class Recorded:
                 is_first = not self._recording.heads
                 self._recording.add(kind, time, message)
                 if is_first and self._recording.heads:
-                    self._begin(self._recording.heads[0], time)
+                    self._begin(self._recording.head, time)
                 elif kind == f"{PACKAGE}Update" and message.policy_version in self._recording.policies:
                     known = {name: getattr(message, name) for name in Row._fields if name != "seconds"}
                     self._rows[message.iteration] = Row(**known, seconds=(time - self._began_ns) / 1e9)

@@ -152,9 +152,8 @@ def _export_episodes(options: argparse.Namespace) -> int:
     """Write the completed episodes and print their number."""
     require(options.fps is None or options.fps >= 1, "--fps", "at least 1", options.fps)
     recording = read_recording(options.source)
-    task = options.task or (recording.head.task.environment if recording.head else "")
-    require(bool(task), "--task", "a description of the task, which a bag does not contain", "none")
-    spaces = recording.head.spaces if recording.head else None
-    count, rate = export(recording.finished, task, options.lerobot, options.fps, spaces)
+    head = recording.head
+    task = options.task or head.task.environment
+    count, rate = export(recording.finished, task, options.lerobot, options.fps, head.spaces)
     print(f"Exported {count} episodes at {rate} steps per second: {options.lerobot}")
     return 0

@@ -76,7 +76,7 @@ def _imitate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _demonstrations(path: Path) -> tuple[Episodes, Task | None, int]:
+def _demonstrations(path: Path) -> tuple[Episodes, Task, int]:
     """Return the completed episodes of a recording, or the last ones of a run in a folder.
 
     Returns:
@@ -84,7 +84,7 @@ def _demonstrations(path: Path) -> tuple[Episodes, Task | None, int]:
     """
     recording = read_recording(path)
     episodes = recording.last_episodes() if is_started(path) else recording.episodes()
-    return episodes, recording.head.task if recording.head else None, recording.action_repeat or 1
+    return episodes, recording.head.task, recording.action_repeat or 1
 
 
 def add_offline(parser: argparse.ArgumentParser) -> None:
@@ -132,18 +132,13 @@ def _offline(options: argparse.Namespace) -> int:
 def _settings(recordings: dict[str, Recording], file: Path | None, changes: list[str]) -> tuple[Config, Spaces]:
     """Return the settings of a configuration, or those of the first recording if there is none."""
     name, recording = next(iter(recordings.items()))
-    config = load_config(file, offline_changes(load_config(file).training, changes)) if file else None
-    if recording.head is None:
-        if config is None:
-            raise ValueError(f"{name}: expected a configuration as well, since a bag names no task, got none")
-        return config, spaces_of(config.environment)
     task = recording.head.task
-    environment = Environment(task.environment, dict(task.options))
-    if config is None:
-        return Config(environment, offline_settings(recording.head, changes)), recording.head.spaces
-    known = (config.environment.id, dict(config.environment.options))
-    expected = f"the environment of {name}"
-    require(known == (task.environment, dict(task.options)), f"{file}: environment", expected, known)
+    recorded = task.environment, dict(task.options)
+    if file is None:
+        return Config(Environment(*recorded), offline_settings(recording.head, changes)), recording.head.spaces
+    config = load_config(file, offline_changes(load_config(file).training, changes))
+    known = config.environment.id, dict(config.environment.options)
+    require(known == recorded, f"{file}: environment", f"the environment of {name}", known)
     return config, recording.head.spaces
 
 
@@ -179,13 +174,10 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 def _replay(options: argparse.Namespace) -> int:
     """Print that all updates are bit-identical, or the first update that is not."""
     recording = read_recording(options.recording)
-    head, total = recording.head, len(recording.updates)
-    if head is None:
-        got = "one without a header, like a bag"
-        raise ValueError(f"{options.recording}: expected the recording of a run, got {got}")
+    total = len(recording.updates)
     done, curve = 0, options.recording / "curve.csv"
     try:
-        with progress_bar(replace(training_of(head), iterations=max(total, 1)), quiet=options.quiet) as show:
+        with progress_bar(replace(training_of(recording.head), iterations=max(total, 1)), quiet=options.quiet) as show:
             for iteration in replay(recording):
                 done = iteration.number
                 show(iteration)

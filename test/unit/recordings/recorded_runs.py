@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rkhs_ros.learning.episodes import Episodes, Execution, Record, discard
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.definitions import PACKAGE, Types, encoded, store
-from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.recordings.recording import RecordedBatch, Recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -111,25 +108,6 @@ def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
     return one.batch == other.batch and all(
         np.array_equal(getattr(one.episodes, name), getattr(other.episodes, name)) for name in ARRAYS
     )
-
-
-def bag(folder: Path, *recordings: Recording, namespace: str = "") -> Path:
-    """Record the topics of runs like `ros2 bag record`: no header, no policies, and some messages twice."""
-    numbers: dict[Any, int] = {}
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics = {
-            name: writer.add_connection(f"{namespace}/{name}", f"{PACKAGE}{kind}", typestore=store())
-            for name, kind in {"observation": "Observation", "episodes": "Episodes"}.items()
-        }
-        for run, recording in enumerate(recordings):
-            for each in recording.batches:  # in an arbitrary order
-                identity = numbers.setdefault((run, each.attempt), 1000 + len(numbers))
-                shown = Types().Observation(batch=identity, **vars(each.batch))
-                message = episodes_message(Types(), identity, each.version, each.episodes, each.executions)
-                for _ in range(2):
-                    writer.write(topics["episodes"], each.time, encoded(message))
-                    writer.write(topics["observation"], each.time, encoded(shown))
-    return folder
 
 
 def content(recording: Recording) -> list[Any]:

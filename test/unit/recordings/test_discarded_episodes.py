@@ -13,12 +13,11 @@ from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
 from rkhs_ros.recordings.definitions import decoded
 from rkhs_ros.recordings.recording import Recording, read_recording
 from rkhs_ros.runs.replay import replay
-from test.unit.recordings.recorded_runs import ARRAYS, TRAINING, Robot, bag, content, longer, recorded_run, same_batch
+from test.unit.recordings.recorded_runs import ARRAYS, TRAINING, Robot, content, recorded_run, same_batch
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 VETOED = [(True, 0), (True, 3), (False, 2)]
 STOPPED_AFTER = 6  # episodes; the last one is exploration episode 3, which is vetoed and not repeated
-SHORT = ("--iterations", 1, "--set", "model.updates=2", "model.rollouts=5", "--quiet")
 ORDERS = ["discarded first", "reversed"]
 
 
@@ -106,20 +105,3 @@ def test_a_resumed_run_repeats_a_vetoed_episode(tmp_path: Path, never_vetoed: Pa
 def test_a_run_with_vetoes_replays(whole: Path, cut: Path) -> None:
     assert len(list(replay(read_recording(ordered(whole, "discarded first"))))) == 4
     assert len(list(replay(read_recording(cut)))) == 1
-
-
-def test_a_veto_in_a_bag_discards_the_episode_in_any_order(cut: Path, tmp_path: Path) -> None:
-    recording = read_recording(cut)
-    batches = recording.batches
-    for name, each in {"later": recording, "first": replace(recording, batches=[batches[-1], *batches[:-1]])}.items():
-        folder = bag(tmp_path / name, each)
-        read = read_recording(folder)
-        assert read.by_numbers().keys() == recording.by_numbers().keys()
-        assert read.episodes().rewards.min() >= 0
-
-
-def test_runs_with_different_seeds_in_a_bag_are_all_read(tmp_path: Path) -> None:
-    recordings = [read_recording(recorded_run(tmp_path / f"seed_{seed}", longer(2, seed=seed))) for seed in (0, 5)]
-    read = read_recording(bag(tmp_path / "bag", *recordings))
-    assert len(read.episodes()) == sum(len(each.episodes()) for each in recordings) == 20
-    assert {each.batch.seed for each in read.finished} == {0, 5}

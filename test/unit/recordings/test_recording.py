@@ -80,16 +80,6 @@ def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:
     assert (whole.parent / "config.yaml").read_text() == task.configuration
 
 
-def test_a_recording_contains_the_episodes_of_the_run(whole: Path) -> None:
-    recording = read_recording(whole)
-    curve = [line.split(",") for line in (whole.parent / "curve.csv").read_text().splitlines()[1:]]
-    assert [str(update.exploration_return) for update in recording.updates] == [line[4] for line in curve]
-    for update in recording.updates:
-        batch = next(b for b in recording.batches if b.batch.explore and b.batch.first_episode == update.episodes - 3)
-        assert np.array_equal(batch.episodes.returns(CONFIG.training.discount), update.exploration_returns)
-    assert len(recording.policies) == 5
-
-
 def test_a_truncated_file_is_read_up_to_the_last_complete_record(
     whole: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -218,8 +208,6 @@ def test_what_follows_the_checkpoint_is_cut_off(whole: Path, tmp_path: Path) -> 
 
 
 def test_the_recording_of_another_run_is_rejected(whole: Path, tmp_path: Path) -> None:
-    recorded_run(tmp_path / "run", longer(1))
-    (tmp_path / "run" / "recording.mcap").write_bytes(whole.read_bytes())
     other = replace(CONFIG, training=replace(CONFIG.training, seed=1))
     recorded_run(tmp_path / "other", other)
     (tmp_path / "other" / "recording.mcap").write_bytes(whole.read_bytes())

@@ -1,4 +1,4 @@
-"""Offline training, bags of other recorders, and export."""
+"""Offline training from recordings, and their export."""
 
 import json
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Config, load_config
 from test.unit.conftest import Result, assert_refused
-from test.unit.recordings.recorded_runs import ARRAYS, CONFIG, Robot, bag, longer, recorded_run, same_batch
+from test.unit.recordings.recorded_runs import CONFIG, Robot, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[3]
@@ -135,93 +135,51 @@ def test_held_actions_are_imitated_trained_offline_and_exported(tmp_path: Path, 
     assert len(np.unique(last)) == 200 // repeat
 
 
-def test_a_bag_of_the_topics_is_read(of_a_robot: Path, tmp_path: Path) -> None:
-    recording = read_recording(of_a_robot)
-    read = read_recording(bag(tmp_path / "bag", recording, namespace="/simulator_1"))
-    assert len(read.batches) == len(recording.batches)
-    assert read.head is None
-    for one, other in zip(read.batches, recording.batches, strict=True):
-        assert same_batch(one, other)
-        assert one.is_discarded == other.is_discarded
-    for name in ARRAYS:
-        assert np.array_equal(getattr(read.episodes(), name), getattr(recording.episodes(), name))
+def test_the_lerobot_export_has_the_values_of_the_recording(of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    done = rkhs("export", of_a_robot, "--lerobot", "out", "--task", "reach")
+    assert done.out == "Exported 20 episodes at 20 steps per second: out\n"
+    table = parquet.read_table("out/data/chunk-000/file-000.parquet")
+    frames, finished = table.to_pydict(), read_recording(of_a_robot).finished
+    for column, name in (("observation.state", "observations"), ("action", "actions"), ("next.reward", "rewards")):
+        expected = np.concatenate([getattr(each.episodes, name)[0] for each in finished]).astype(np.float32)
+        assert np.array_equal(np.array(frames[column], dtype=np.float32).reshape(expected.shape), expected)
+    assert frames["action.executed"][0] == [0.5, 0.5]
+    assert frames["frame_index"] == list(range(5)) * 20
+    assert frames["index"] == list(range(100))
+    assert np.allclose(frames["timestamp"], np.tile(0.05 * np.arange(5), 20))
+    assert frames["next.done"] == [False, False, False, False, True] * 20
+    info, stats = (json.loads(Path("out/meta", name).read_text()) for name in ("info.json", "stats.json"))
+    assert (info["codebase_version"], info["fps"], info["total_frames"]) == ("v3.0", 20, 100)
+    assert set(info["features"]) == set(table.column_names) == set(stats)
+    rewards = np.array(table["next.reward"])
+    assert np.isclose(stats["next.reward"]["mean"][0], rewards.mean())
+    assert stats["next.reward"]["count"] == [100]
+    episodes = parquet.read_table("out/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [(e["dataset_from_index"], e["dataset_to_index"]) for e in episodes[:2]] == [(0, 5), (5, 10)]
+    assert episodes[7]["tasks"] == ["reach"]
+    assert np.isclose(episodes[1]["stats/next.reward/max"][0], rewards[5:10].max())
+    tasks = parquet.read_table("out/meta/tasks.parquet")
+    assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
+    assert tasks.to_pydict() == {"task_index": [0], "__index_level_0__": ["reach"]}
 
 
-def test_offline_training_from_a_bag_needs_a_configuration(whole: Path, rkhs: Callable[..., Result]) -> None:
-    bag(Path("bag"), read_recording(whole))
-    assert_refused(rkhs("offline", "bag", *SHORT), "bag: expected a configuration as well, since a bag names no task")
-    config = Path("same.yaml")
-    config.write_text((whole.parent / "config.yaml").read_text())
-    assert rkhs("offline", "bag", config, *SHORT, "--out", "learnt").code == 0
-    assert rkhs("offline", whole, config, *SHORT, "--out", "as_well").code == 0
-    assert Path("learnt/policy.npz").read_bytes() == Path("as_well/policy.npz").read_bytes()
-    assert_refused(rkhs("replay", "bag"), "bag: expected the recording of a run, got one without a header")
+def test_lerobot_reads_the_export(of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
+    datasets = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    assert rkhs("export", of_a_robot, "--lerobot", "out").code == 0
+    dataset = datasets.LeRobotDataset("local/out", root=Path("out"))
+    assert (dataset.num_episodes, len(dataset)) == (20, 100)
+    assert dataset[7]["next.reward"].item() == np.float32(read_recording(of_a_robot).finished[1].episodes.rewards[0, 2])
 
 
-class TestLeRobot:
-    def test_exported_values_match_the_recording(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
-        parquet = pytest.importorskip("pyarrow.parquet")
-        assert (
-            rkhs("export", of_a_robot, "--lerobot", "out").out == "Exported 20 episodes at 20 steps per second: out\n"
-        )
-        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
-        finished = read_recording(of_a_robot).finished
-        viewed = np.concatenate([each.episodes.observations[0] for each in finished]).astype(np.float32)
-        acted = np.concatenate([each.episodes.actions[0] for each in finished]).astype(np.float32)
-        assert np.array_equal(np.array(frames["observation.state"], dtype=np.float32).reshape(viewed.shape), viewed)
-        assert np.array_equal(np.array(frames["action"], dtype=np.float32).reshape(acted.shape), acted)
-        assert frames["action.executed"][0] == [0.5, 0.5]
-        assert frames["frame_index"] == list(range(5)) * 20
-        assert frames["index"] == list(range(100))
-        assert np.allclose(frames["timestamp"], np.tile(0.05 * np.arange(5), 20))
-        assert frames["next.done"] == [False, False, False, False, True] * 20
-
-    def test_exported_metadata_match_the_data(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
-        parquet = pytest.importorskip("pyarrow.parquet")
-        assert rkhs("export", of_a_robot, "--lerobot", "out", "--task", "reach").code == 0
-        info, stats = (json.loads(Path("out/meta", name).read_text()) for name in ("info.json", "stats.json"))
-        assert (info["codebase_version"], info["fps"], info["total_frames"]) == ("v3.0", 20, 100)
-        table = parquet.read_table("out/data/chunk-000/file-000.parquet")
-        assert set(info["features"]) == set(table.column_names) == set(stats)
-        rewards = np.array(table["next.reward"])
-        assert np.isclose(stats["next.reward"]["mean"][0], rewards.mean())
-        assert stats["next.reward"]["count"] == [100]
-        episodes = parquet.read_table("out/meta/episodes/chunk-000/file-000.parquet").to_pylist()
-        assert [(e["dataset_from_index"], e["dataset_to_index"]) for e in episodes[:2]] == [(0, 5), (5, 10)]
-        assert episodes[7]["tasks"] == ["reach"]
-        assert np.isclose(episodes[1]["stats/next.reward/max"][0], rewards[5:10].max())
-        tasks = parquet.read_table("out/meta/tasks.parquet")
-        assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
-        assert tasks.to_pydict() == {"task_index": [0], "__index_level_0__": ["reach"]}
-
-    def test_lerobot_reads_the_export(self, of_a_robot: Path, rkhs: Callable[..., Result]) -> None:
-        datasets = pytest.importorskip("lerobot.datasets.lerobot_dataset")
-        assert rkhs("export", of_a_robot, "--lerobot", "out").code == 0
-        dataset = datasets.LeRobotDataset("local/out", root=Path("out"))
-        assert (dataset.num_episodes, len(dataset)) == (20, 100)
-        assert dataset[7]["next.reward"].item() == np.float32(
-            read_recording(of_a_robot).finished[1].episodes.rewards[0, 2]
-        )
-
-    def test_export_of_a_simulation_requires_fps(self, whole: Path, rkhs: Callable[..., Result]) -> None:
-        assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps per second")
-        assert rkhs("export", whole, "--lerobot", "out", "--fps", 10).code == 0
-        assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 10
-        assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
-
-    def test_a_fractional_rate_is_rejected(self, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
-        parquet = pytest.importorskip("pyarrow.parquet")
-        recording = recorded_run(tmp_path / "run", longer(1), Robot(period=400_000_000))
-        refused = rkhs("export", recording, "--lerobot", "out")
-        assert_refused(refused, "recording: expected a whole number of steps per second")
-        assert "got 2.5 from the time stamps. Use --fps N" in refused.err
-        assert not Path("out").exists()
-        printed = rkhs("export", recording, "--lerobot", "out", "--fps", 4).out
-        assert printed == "Exported 5 episodes at 4 steps per second: out\n"
-        frames = parquet.read_table("out/data/chunk-000/file-000.parquet").to_pydict()
-        assert frames["timestamp"] == [0.0, 0.25, 0.5, 0.75, 1.0] * 5
-        assert json.loads(Path("out/meta/info.json").read_text())["fps"] == 4
-
-    def test_unsupported_rates_are_rejected(self, whole: Path, rkhs: Callable[..., Result]) -> None:
-        for fps, message in (("2.5", "argument --fps: invalid int value: '2.5'"), ("0", "--fps: expected at least 1")):
-            assert_refused(rkhs("export", whole, "--lerobot", "out", f"--fps={fps}"), message)
+def test_a_simulation_or_a_fractional_rate_requires_fps(whole: Path, rkhs: Callable[..., Result]) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert_refused(rkhs("export", whole, "--lerobot", "out"), "--fps: expected the steps per second")
+    slow = recorded_run(Path("run"), longer(1), Robot(period=400_000_000))
+    assert_refused(rkhs("export", slow, "--lerobot", "out"), "got 2.5 from the time stamps. Use --fps N")
+    assert not Path("out").exists()
+    assert rkhs("export", slow, "--lerobot", "out", "--fps", 4).out.startswith("Exported 5 episodes at 4 steps per s")
+    assert parquet.read_table("out/data/chunk-000/file-000.parquet")["timestamp"].to_pylist()[:5] == [
+        0.0, 0.25, 0.5, 0.75, 1.0
+    ]  # fmt: skip
+    assert_refused(rkhs("export", whole, "--lerobot", "out", "--fps", 10), "out: expected a new folder")
