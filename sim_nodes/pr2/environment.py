@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels, quaternions
+from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels
 from sim_nodes.envs.vector_task import Array, DrawnTask, SingleTask, clip
-from sim_nodes.pr2.description import DOOR, PR2, rotation_about
-from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, adapted, demonstration, finger_angle
-from sim_nodes.pr2.world import HINGE_NAMES, JOINT_NAMES, OPENED, Trajectory, World
+from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, Motion, adapted, demonstration
+from sim_nodes.pr2.world import OPENED, Trajectory, World, knots
 
 POSES = ("per_run", "per_episode")
 POSE_SD = np.array([0.015, 0.05, 0.05])  # of the base: x, y (m), yaw (rad)
@@ -165,13 +164,13 @@ class PR2Door(DrawnTask):
 
     def bodies(self) -> list[Body]:
         """Return the visible bodies: the robot, the door and the wall."""
-        return [box.body for description in (PR2, DOOR) for box in description.boxes]
+        return self.world.bodies()
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
         """Execute an episode's action again, and return the trajectories; None if the arm cannot reach."""
         pose = observations[0] * POSE_SD
         trajectory = self.attempt(pose, self.change(actions[0])).trajectory
-        return None if trajectory is None else _trajectories(pose, trajectory)
+        return None if trajectory is None else self._trajectories(pose, trajectory)
 
     def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
         """Start an episode in every environment, as in `VectorTask.reset`."""
@@ -192,12 +191,21 @@ class PR2Door(DrawnTask):
     def _pictures(self, pose: Array, trajectory: Trajectory | None, which: slice) -> list[Pixels]:
         """Return the pictures of some moments of a motion; one of the start if there is none."""
         motion, camera, bodies = (
-            _trajectories(pose, trajectory),
+            self._trajectories(pose, trajectory),
             Camera(self.view_direction, FRAMED),
             self.bodies(),
         )
         moments = zip(motion.positions[which], motion.orientations[which], strict=True)
         return [camera.picture(bodies, *moment) for moment in moments]
+
+    def _trajectories(self, pose: Array, trajectory: Trajectory | None) -> BodyTrajectories:
+        """Return the trajectories of all boxes in a motion; those at the start if there is none."""
+        if trajectory is None:
+            start = demonstration()
+            positions, turned = knots(Motion(start.arm[:1], start.openings[:1])), np.zeros((1, 2))
+        else:
+            positions, turned = trajectory.positions, np.stack([trajectory.door, trajectory.lever], axis=1)
+        return BodyTrajectories(np.arange(len(positions)) / RATE, *self.world.poses(positions, turned, pose))
 
     def _info(self) -> dict[str, Any]:
         names = ("success", "door_angle", "tracking_error")
@@ -209,25 +217,6 @@ def tracking_error(trajectory: Trajectory, shown: Demonstration) -> float:
     place = np.sum((trajectory.tool - shown.positions) ** 2, axis=1)
     opening = (trajectory.openings - shown.openings) ** 2
     return float((np.mean(place) + np.mean(opening)) / TRACKING_SCALE**2)
-
-
-def _trajectories(pose: Array, trajectory: Trajectory | None) -> BodyTrajectories:
-    """Return the trajectories of the robot's and the door's boxes in a motion; those at its start if there is none."""
-    if trajectory is None:
-        start = demonstration()
-        fingers = np.repeat(finger_angle(start.openings[:1]), 4)
-        positions, turned = np.concatenate([start.arm[0], fingers])[None], np.zeros((1, 2))
-    else:
-        positions, turned = trajectory.positions, np.stack([trajectory.door, trajectory.lever], axis=1)
-    count = len(positions)
-    base = np.tile([pose[0], pose[1], 0.0], (count, 1)), rotation_about((0.0, 0.0, 1.0), np.full(count, pose[2]))
-    frame = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
-    placed = (
-        PR2.placed(dict(zip(JOINT_NAMES, positions.T, strict=True)), base),
-        DOOR.placed(dict(zip(HINGE_NAMES, turned.T, strict=True)), frame),
-    )
-    places, turns = (np.concatenate(each, axis=1) for each in zip(*placed, strict=True))
-    return BodyTrajectories(np.arange(count) / RATE, places, quaternions(turns))
 
 
 def single(**options: Any) -> SingleTask:

@@ -7,23 +7,56 @@ the door by 16 degrees (2.5 s) and holds it (0.3 s).
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
+from typing import NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from sim_nodes.pr2.description import PR2, rotation_about
 
 Array = NDArray[np.float64]
 
 FILE = "demonstration.npz"
 RATE = 20  # Hz, of knots
 SECONDS = 5.8
-ARM, FINGERS, TIPS = PR2.moving[:7], PR2.moving[7:9], PR2.moving[9:]
 TOOL_OFFSET = (0.18, 0.0, 0.0)  # m, from the palm to the middle between the finger tips
 FINGER_LENGTH, FINGER_OFFSET = 0.09137, 0.00495  # m, from a finger's joint to its tip's, along x and outwards
 MAX_GAP = 0.09  # m
 TOLERANCE = 1e-6  # of the solver, in metres and radians
 REACHED = 1e-4  # accepted error of a solution, in metres and radians
+
+
+class Joint(NamedTuple):
+    """A revolute or fixed joint; origin and axis, of shape (3,), are in the parent's frame; all frames are parallel."""
+
+    name: str
+    is_fixed: bool
+    origin: Array
+    axis: Array
+    lower: float  # -inf for no limit
+    upper: float
+    effort: float  # greatest torque, N m
+    velocity: float  # rad/s
+
+
+def _joint(element: ElementTree.Element) -> Joint:
+    parts = {name: {} if (part := element.find(name)) is None else part.attrib for name in ("origin", "axis", "limit")}
+    origin, axis = (np.array(parts[name].get("xyz", "0 0 0").split(), dtype=float) for name in ("origin", "axis"))
+    limits = {"lower": -np.inf, "upper": np.inf, "effort": 0.0, "velocity": 0.0}
+    numbers = [float(parts["limit"].get(name, value)) for name, value in limits.items()]
+    return Joint(element.get("name", ""), element.get("type") == "fixed", origin, axis, *numbers)
+
+
+_JOINTS = tuple(map(_joint, ElementTree.fromstring(files(__package__).joinpath("pr2.urdf").read_text()).iter("joint")))
+MOVING = tuple(joint for joint in _JOINTS if not joint.is_fixed)
+ARM, FINGERS, TIPS = MOVING[:7], MOVING[7:9], MOVING[9:]
+
+
+def rotation_about(axis: Array | tuple[float, float, float], angles: Array) -> Array:
+    """Return the rotation matrices, shape (k, 3, 3), for angles of shape (k,) about one unit axis."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
 def gap(angle: ArrayLike) -> Array:
@@ -114,7 +147,7 @@ def arm_chain() -> Chain:
     """Return the chain of the right arm from the base footprint to the tool."""
     origins = np.array([joint.origin for joint in ARM])
     base, torso = (
-        {joint.name: joint for joint in PR2.joints}[f"{name}_joint"] for name in ("base_footprint", "torso_lift")
+        next(joint for joint in _JOINTS if joint.name == f"{name}_joint") for name in ("base_footprint", "torso_lift")
     )
     origins[0] += torso.origin + base.origin
     return Chain(

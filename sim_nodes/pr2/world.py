@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_nodes.bullet import connected, pybullet
-from sim_nodes.pr2.description import DOOR, PR2, rotation_about
-from sim_nodes.pr2.motion import FINGERS, RATE, TIPS, Motion, arm_chain, finger_angle, gap
+from sim_nodes.envs.scene import Body
+from sim_nodes.pr2.motion import FINGERS, MOVING, RATE, TIPS, Motion, arm_chain, finger_angle, gap, rotation_about
 
 Array = NDArray[np.float64]
 
@@ -33,11 +33,10 @@ HINGE_FRICTION = 20.0
 RETURN_SPEED = 5.0  # of the released lever
 LATCH_TORQUE = 2000.0
 LEVER_FRICTION, PANEL_FRICTION = 0.6, 0.5  # of the surfaces
-HINGE_NAMES = tuple(joint.name for joint in DOOR.moving)
-FINGER_NAMES = tuple(joint.name for joint in FINGERS)
-JOINT_NAMES = tuple(joint.name for joint in PR2.moving)
-VELOCITY = np.array([joint.velocity for joint in PR2.moving])
-EFFORT = np.array([GRIP_TORQUE if joint.name in FINGER_NAMES else joint.effort for joint in PR2.moving])
+HINGE_NAMES = ("door_hinge", "door_lever")
+JOINT_NAMES = tuple(joint.name for joint in MOVING)
+VELOCITY = np.array([joint.velocity for joint in MOVING])
+EFFORT = np.array([GRIP_TORQUE if joint.name.endswith("_finger_joint") else joint.effort for joint in MOVING])
 _ARM, _FINGERS, _TIPS = slice(0, 7), slice(7, 9), slice(9, 11)
 _FORCES = EFFORT.tolist()
 
@@ -76,6 +75,7 @@ class World:
         self._robot, self._door = (self._load(name) for name in ("pr2.urdf", "door.urdf"))
         self._joints = self._indices(self._robot, JOINT_NAMES)
         self._hinge, self._lever = self._indices(self._door, HINGE_NAMES)
+        self._visuals = [each for body in (self._robot, self._door) for each in self.client.getVisualShapeData(body)]
         self._set_surfaces()
         self._still = self.client.saveState()
         self._chain = arm_chain()
@@ -84,6 +84,26 @@ class World:
         """Disconnect the client."""
         if self.client.isConnected():
             self.client.disconnect()
+
+    def bodies(self) -> list[Body]:
+        """Return the visible boxes of the robot and the door."""
+        paints = (bytes(round(255 * part) for part in visual[7][:3]) for visual in self._visuals)
+        return [Body("box", visual[3], f"#{paint.hex()}") for visual, paint in zip(self._visuals, paints, strict=True)]
+
+    def poses(self, positions: Array, angles: Array, base: Array) -> tuple[Array, Array]:
+        """Return the positions (k, boxes, 3) and orientations (k, boxes, 4), w first, of the visible boxes.
+
+        Args:
+            positions: of the joints `JOINT_NAMES`, shape (k, 11).
+            angles: of the door and the lever, shape (k, 2).
+            base: x, y in metres, yaw in radians.
+        """
+        moments = []
+        for robot, door in zip(positions, angles, strict=True):
+            self._place(robot, door, base)
+            moments.append([self._pose(*visual[:2], *visual[5:7]) for visual in self._visuals])
+        poses = np.array(moments)
+        return poses[..., :3], np.roll(poses[..., 3:], 1, axis=-1)
 
     def run(self, motion: Motion, base: Array) -> Trajectory:
         """Execute a motion, starting with a shut door, with the robot at a base x, y in metres, yaw in radians."""
@@ -98,19 +118,32 @@ class World:
         return self._trajectory(np.array(states), base)
 
     def _reset(self, motion: Motion, base: Array) -> None:
-        client = self.client
-        client.restoreState(self._still)
-        client.resetBasePositionAndOrientation(
-            self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
-        )
-        finger = finger_angle(motion.openings[0])
-        for index, angle in zip(self._joints, [*motion.arm[0], *[finger] * 4], strict=True):
-            client.resetJointState(self._robot, index, angle)
-        for index in (self._hinge, self._lever):
-            client.resetJointState(self._door, index, 0.0)
+        self.client.restoreState(self._still)
+        self._place(knots(motion)[0], np.zeros(2), base)
         self._set_latch(True)
         self._measure()
         self._torque = [0.0] * len(self._joints)  # the measured ones are from the previous motion
+
+    def _place(self, robot: Array, door: Array, base: Array) -> None:
+        """Set the angles of all joints, and the pose of the robot's base."""
+        client = self.client
+        client.resetBasePositionAndOrientation(
+            self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
+        )
+        for body, joints, angles in (
+            (self._robot, self._joints, robot),
+            (self._door, (self._hinge, self._lever), door),
+        ):
+            for index, angle in zip(joints, angles, strict=True):
+                client.resetJointState(body, index, angle)
+
+    def _pose(self, body: int, link: int, place: Sequence[float], turn: Sequence[float]) -> list[float]:
+        """Return the position and the quaternion, w last, of a box at a pose in the frame of a link."""
+        if link < 0:
+            frame = self.client.getBasePositionAndOrientation(body)
+        else:
+            frame = self.client.getLinkState(body, link, computeForwardKinematics=True)[4:6]
+        return [number for part in self.client.multiplyTransforms(*frame, place, turn) for number in part]
 
     def _control(self, targets: Array, speeds: Array) -> None:
         """Command the motors' speeds within their limits, and simulate until the next command."""
@@ -194,10 +227,13 @@ def latched(before: bool, door: float, lever: float) -> bool:
 
 def _commands(motion: Motion) -> tuple[Array, Array]:
     """Return the desired positions and velocities at the end of each control period, each of shape (ticks, 11)."""
-    fingers = finger_angle(motion.openings)[:, None]
-    knots = np.concatenate([motion.arm, np.repeat(fingers, 4, axis=1)], axis=1)
-    ticks = CONTROL_RATE // RATE
+    angles, ticks = knots(motion), CONTROL_RATE // RATE
     part = (np.arange(1, ticks + 1) / ticks)[:, None]
-    steps = np.diff(knots, axis=0)[:, None, :]
-    targets = (knots[:-1, None, :] + part * steps).reshape(-1, knots.shape[1])
+    steps = np.diff(angles, axis=0)[:, None, :]
+    targets = (angles[:-1, None, :] + part * steps).reshape(-1, angles.shape[1])
     return targets, np.repeat(steps[:, 0] * RATE, ticks, axis=0)
+
+
+def knots(motion: Motion) -> Array:
+    """Return the angles of the joints `JOINT_NAMES` at the knots of a motion, shape (k, 11)."""
+    return np.concatenate([motion.arm, np.repeat(finger_angle(motion.openings)[:, None], 4, axis=1)], axis=1)

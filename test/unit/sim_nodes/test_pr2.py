@@ -13,12 +13,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy.spatial.transform import Rotation
 
-from sim_nodes.pr2.description import DOOR, PR2, rotation_about
 from sim_nodes.pr2.motion import (
     ARM,
-    FINGERS,
     RATE,
-    TIPS,
     TOOL_OFFSET,
     Motion,
     adapted,
@@ -31,14 +28,14 @@ from sim_nodes.pr2.motion import (
 pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 from sim_nodes.pr2.environment import POSE_SD, PR2Door
-from sim_nodes.pr2.world import EFFORT, OPENED, UNLATCHED, VELOCITY, Trajectory, latched
+from sim_nodes.pr2.world import OPENED, UNLATCHED, VELOCITY, Trajectory, latched
 
 pytestmark = pytest.mark.slow
 
 TASK = "rkhs/PR2Door-v0"
 STRAIGHT = np.zeros(3)
 CHAIN = arm_chain()
-PIVOT, HINGE = (0.88, -0.26, 0.95), (0.93, 0.58, 0.0)  # m, of the lever and the door
+PIVOT = 0.88  # m, of the lever, along x
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +43,6 @@ def task() -> Iterator[PR2Door]:
     made = PR2Door()
     yield made
     made.close()
-
-
-@pytest.fixture(scope="module")
-def shown(task: PR2Door) -> Trajectory:
-    """What becomes of the demonstration when nothing is changed."""
-    return trajectory(task, STRAIGHT, [0.0, 0.0])
 
 
 @pytest.fixture
@@ -115,55 +106,18 @@ def test_solutions_reach_the_requested_pose(rng: np.random.Generator) -> None:
     assert np.all((q >= CHAIN.lower) & (q <= CHAIN.upper))
 
 
-def test_the_gap_is_the_distance_of_the_gripping_faces() -> None:
-    angle = 0.3
-    expected = 2 * (0.09137 * np.sin(angle) + 0.00495 * np.cos(angle) - 0.00495)
-    assert gap(angle) == pytest.approx(expected, rel=1e-12)
-    assert finger_angle(gap(angle)) == pytest.approx(angle, abs=1e-12)
-    finger, tip = FINGERS[0], TIPS[0]  # the tip turns back, so its face stays parallel
-    place = np.array(finger.origin) + rotation_about((0.0, 0.0, 1.0), np.array([angle]))[0] @ tip.origin
-    face = next(box for box in PR2.boxes if box.link == tip.child)
-    assert 2 * (place[1] + face.centre[1] - face.body.size[1] / 2) == pytest.approx(expected, abs=1e-8)
+def test_openings_and_finger_angles_are_inverse() -> None:
+    assert gap(0.3) == pytest.approx(2 * (0.09137 * np.sin(0.3) + 0.00495 * np.cos(0.3) - 0.00495), rel=1e-12)
+    assert finger_angle(gap(0.3)) == pytest.approx(0.3, abs=1e-12)
 
 
-def test_the_demonstration_turns_the_lever_on_its_arc_and_the_door_on_its_hinge() -> None:
-    shown = demonstration()
-    turning, pulling = shown.positions[34:61], shown.positions[60:]
-    arms = turning[:, 1:] - PIVOT[1:]
-    np.testing.assert_allclose(np.hypot(*arms.T), 0.075, atol=1e-9)
-    assert np.degrees(np.arctan2(-arms[-1, 1], arms[-1, 0])) == pytest.approx(45.0)
-    radii = np.hypot(*(pulling[:, :2] - HINGE[:2]).T)
-    np.testing.assert_allclose(radii, radii[0], atol=1e-9)
-    assert shown.openings[[0, 34]] == pytest.approx([0.06, 0.016])
-    assert shown.times[-1] == 5.8
-    assert np.all(np.diff(shown.arm, axis=0) * RATE < VELOCITY[:7])
-
-
-@pytest.mark.parametrize(
-    ("before", "opened", "turned", "after"),
-    [
-        (True, 0.6, 29.0, True),
-        (True, 0.0, 31.0, False),
-        (False, 0.4, 29.0, True),
-        (False, 0.6, 29.0, False),
-    ],
-)
-def test_the_latch_releases_above_30_degrees_and_engages_below_half_a_degree(
-    before: bool, opened: float, turned: float, after: bool
-) -> None:
-    assert latched(before, math.radians(opened), math.radians(turned)) is after
+def test_the_latch_releases_above_30_degrees_and_engages_below_half_a_degree() -> None:
+    cases = ((True, 0.6, 29.0, True), (True, 0.0, 31.0, False), (False, 0.4, 29.0, True), (False, 0.6, 29.0, False))
+    for before, opened, turned, after in cases:
+        assert latched(before, math.radians(opened), math.radians(turned)) is after
 
 
 # Physics
-
-
-def test_the_released_lever_returns(task: PR2Door) -> None:
-    world = task.world
-    world._reset(hold(), STRAIGHT)
-    world.client.resetJointState(world._door, world._lever, np.deg2rad(50.0))
-    for _ in range(60):
-        world._simulate()
-    assert abs(world.client.getJointState(world._door, world._lever)[0]) < np.deg2rad(0.5)
 
 
 @pytest.mark.parametrize(("lever", "torque", "opens"), [(0.0, 60.0, False), (40.0, 60.0, True), (40.0, 19.0, False)])
@@ -182,14 +136,6 @@ def test_the_door_stays_shut_without_the_lever_and_against_its_friction(
         assert abs(angle) < np.deg2rad(0.1)
 
 
-def test_the_torques_and_the_speeds_of_free_motion_are_within_the_limits(task: PR2Door, shown: Trajectory) -> None:
-    assert np.all(np.abs(shown.velocities) <= VELOCITY * 1.001)
-    jammed = trajectory(task, np.array([0.03, 0.05, 0.05]), [-0.1, -0.05])
-    for done in (shown, jammed):
-        assert np.all(np.abs(done.torques) <= EFFORT * 1.000001)
-    assert np.any(np.abs(jammed.torques) > 0.99 * EFFORT)  # so they do bound
-
-
 def test_the_motors_respect_their_velocity_limits(task: PR2Door) -> None:
     motion = hold()
     rushed = Motion(motion.arm.copy(), motion.openings.copy())
@@ -201,29 +147,18 @@ def test_the_motors_respect_their_velocity_limits(task: PR2Door) -> None:
     assert done.openings[12] > 0.02
 
 
-def test_boxes_and_tool_are_where_the_simulator_has_them(task: PR2Door) -> None:
+def test_the_tool_is_where_the_simulator_has_it_and_between_the_drawn_finger_tips(task: PR2Door) -> None:
     pose, world = np.array([0.02, -0.03, 0.1]), task.world
-    task.reset(seed=0)
     done = world.run(adapted(demonstration(), np.zeros(2)), pose)
+    links = {world.client.getJointInfo(world._robot, i)[12].decode(): i for i in range(16)}
+    palm = world.client.getLinkState(world._robot, links["r_gripper_palm_link"], computeForwardKinematics=True)
+    np.testing.assert_allclose(done.tool[-1], palm[4] + Rotation.from_quat(palm[5]).apply(TOOL_OFFSET), atol=1e-6)
     motion = task.motion(pose[None] / POSE_SD, -task.start[None])
     assert motion.positions.shape == (len(done.door), len(task.bodies()), 3)
-    boxes = [(body, box) for body, each in ((world._robot, PR2), (world._door, DOOR)) for box in each.boxes]
-    links: dict[tuple[int, str], tuple[np.ndarray, Rotation]] = {}
-    for body in (world._robot, world._door):
-        for i in range(world.client.getNumJoints(body)):
-            place, turn = world.client.getLinkState(body, i, computeForwardKinematics=True)[4:6]
-            links[body, world.client.getJointInfo(body, i)[12].decode()] = np.array(place), Rotation.from_quat(turn)
-    found = 0
-    for column, (body, box) in enumerate(boxes):
-        if (body, box.link) in links:
-            place, turned = links[body, box.link]
-            np.testing.assert_allclose(motion.positions[-1, column], place + turned.apply(box.centre), atol=1e-6)
-            quaternion = np.roll(turned.as_quat(), 1)
-            assert abs(motion.orientations[-1, column] @ quaternion) == pytest.approx(1.0, abs=1e-9)
-            found += 1
-    assert found > 20
-    place, turned = links[world._robot, "r_gripper_palm_link"]
-    np.testing.assert_allclose(done.tool[-1], place + turned.apply(TOOL_OFFSET), atol=1e-6)
+    fingers = [links[f"r_gripper_{side}_finger_tip_link"] for side in "lr"]
+    tips = [i for i, visual in enumerate(world._visuals) if visual[0] == world._robot and visual[1] in fingers]
+    middle = motion.positions[:, tips].mean(axis=1)
+    assert np.linalg.norm(middle - done.tool, axis=1).max() < 0.02
 
 
 # Episodes
@@ -237,38 +172,27 @@ def test_the_demonstration_opens_the_door_with_nearly_the_greatest_reward(task: 
     assert outcome.reward == pytest.approx(np.exp(-outcome.tracking_error))
 
 
-@pytest.mark.parametrize("action", [[-0.15, 0.0], [0.0, -0.07]])
-def test_large_errors_leave_the_door_shut_with_little_reward(task: PR2Door, action: list[float]) -> None:
-    outcome = task.attempt(STRAIGHT, np.array(action))
-    assert not outcome.success
-    assert abs(outcome.door_angle) < np.deg2rad(0.5)
-    assert outcome.reward < (0.07 if action[0] else 0.25)
-    assert outcome.reward == pytest.approx(np.exp(-1.0 - outcome.tracking_error))
-
-
-@pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, -1.0, 1.0]])
-def test_actions_that_open_the_door_are_contiguous_and_inside_the_bounds(task: PR2Door, sd: list[float]) -> None:
+def test_actions_that_open_the_door_are_contiguous_and_inside_the_bounds(task: PR2Door) -> None:
     shifts = np.linspace(-0.2, 0.2, 17)
-    opened = [task.attempt(np.array(sd) * POSE_SD, np.array([shift, -0.015])).success for shift in shifts]
+    opened = [task.attempt(STRAIGHT, np.array([shift, -0.015])).success for shift in shifts]
     assert 1 <= sum(opened) <= 6
     assert not any(opened[:1] + opened[-1:])
     first = opened.index(True)
     assert all(opened[first : first + sum(opened)])
 
 
-@pytest.mark.parametrize("sd", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-def test_an_open_gripper_does_not_drag_the_door_with_one_finger(task: PR2Door, sd: list[float]) -> None:
-    pose, widest = np.array(sd) * POSE_SD, task.single_action_space.high[1]
-    tried = [task.attempt(pose, np.array([shift, widest])) for shift in np.linspace(-0.2, 0.2, 15)]
+def test_an_open_gripper_does_not_drag_the_door_with_one_finger(task: PR2Door) -> None:
+    widest = task.single_action_space.high[1]
+    tried = [task.attempt(STRAIGHT, np.array([shift, widest])) for shift in np.linspace(-0.2, 0.2, 15)]
     turned = [outcome.trajectory is not None and outcome.trajectory.lever.max() > UNLATCHED for outcome in tried]
     assert any(turned)  # so a finger does press the lever down, past the latch
     assert not any(outcome.success for outcome in tried)
 
 
-@pytest.mark.parametrize("pose", [[0.0, 0.07, 0.0], [-0.01, 0.0, 0.05]])
-def test_an_error_of_the_pose_is_corrected_by_the_action(task: PR2Door, pose: list[float]) -> None:
-    shift = -(pose[1] + pose[2] * PIVOT[0])
-    uncorrected, corrected = (task.attempt(np.array(pose), np.array([a, 0.0])) for a in (0.0, shift))
+def test_an_error_of_the_pose_is_corrected_by_the_action(task: PR2Door) -> None:
+    pose = np.array([-0.01, 0.02, 0.05])
+    shift = -(pose[1] + pose[2] * PIVOT)
+    uncorrected, corrected = (task.attempt(pose, np.array([a, 0.0])) for a in (0.0, shift))
     assert corrected.success
     assert corrected.reward > 0.85
     assert uncorrected.reward < corrected.reward - 0.3
@@ -321,17 +245,10 @@ def play(task: PR2Door, actions: np.ndarray, seed: list[int]) -> tuple[np.ndarra
     return observations, task.step(actions)[1]
 
 
-@pytest.mark.parametrize(
-    ("action", "change"),
-    [
-        ([0.0, 0.0], [0.05, 0.04]),
-        ([-0.05, -0.04], [0.0, 0.0]),
-        ([0.18, 0.06], [0.2, 0.08]),
-        ([-9.0, -9.0], [-0.15, -0.04]),
-    ],
-)
-def test_an_action_is_added_to_the_start_and_both_are_clipped(action: list[float], change: list[float]) -> None:
-    np.testing.assert_allclose(PR2Door().change(np.array(action)), change, atol=1e-15)
+def test_an_action_is_added_to_the_start_and_both_are_clipped() -> None:
+    actions = [[0.0, 0.0], [-0.05, -0.04], [0.18, 0.06], [-9.0, -9.0]]
+    changes = [[0.05, 0.04], [0.0, 0.0], [0.2, 0.08], [-0.15, -0.04]]
+    np.testing.assert_allclose(PR2Door().change(np.array(actions)), changes, atol=1e-15)
     assert np.array_equal(PR2Door(start=[0.0, 0.0]).change(np.array([0.18, -0.06])), [0.18, -0.06])
 
 
