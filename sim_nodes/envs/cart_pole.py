@@ -1,13 +1,13 @@
 """The cart-pole swing-up of PILCO (Deisenroth, 2010) and MC-PILCO (Amadio et al., 2022)."""
 
 from collections.abc import Mapping
-from math import ceil, isfinite
+from math import ceil
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, BodyTrajectories, upright
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Body, beads, in_plane
 from sim_nodes.envs.vector_task import Array, DrawnTask, Flags, wrapped
 
 SECONDS = 3.0  # of an episode
@@ -85,9 +85,9 @@ class CartPole(DrawnTask):
     ) -> None:
         if observation not in OBSERVATIONS:
             raise ValueError(f"observation: expected one of {', '.join(OBSERVATIONS)}, got {observation!r}")
-        if rail is not None:
-            _require_positive("rail", rail, "m")
-        _require_positive("reward_width", reward_width, "rad")
+        for name, value in (("rail", rail), ("reward_width", reward_width)):
+            if value is not None and not value > 0:
+                raise ValueError(f"{name}: expected a positive number, got {value!r}")
         steps = self.time_limit({"rate": rate})
         self.rate, self.rail, self.reward_width, self.observation = float(rate), rail, float(reward_width), observation
         self.step_seconds = 1.0 / self.rate
@@ -106,7 +106,7 @@ class CartPole(DrawnTask):
             ValueError: the rate is not a number from 1 to 1000.
         """
         rate = options.get("rate", USUAL_RATE)
-        if not _is_number(rate) or not 1 <= rate <= 1000:
+        if not isinstance(rate, int | float) or not 1 <= rate <= 1000:
             raise ValueError(f"rate: expected a number from 1 to 1000 (Hz), got {rate!r}")
         steps: int = round(SECONDS * rate)
         return steps
@@ -170,7 +170,6 @@ class CartPole(DrawnTask):
     def bodies(self) -> list[Body]:
         """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""
         length = 2 * (self.rail or DRAWN_HALF)
-        beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.03] * (BEADS - 1), 0.07]]
         return [
             Body("box", (length, 0.05, 0.03), PALE),
             Body("box", (length, 0.6, 0.01), PALE),
@@ -178,40 +177,23 @@ class CartPole(DrawnTask):
             Body("cylinder", (0.03, 0.03, REACH), BLUE),
             Body("ball", (0.08, 0.08, 0.08), BLUE),
             Body("ball", (0.1, 0.1, 0.1), GREEN),
-            *beads,
+            *beads(BEADS, 0.03, 0.07),
         ]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode; the row of a force of 10 N is half a metre long."""
-        times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the poses of the bodies; the row of a force of 10 N is half a metre long."""
         states = self.states_of(observations)
-        x, angle, zero = states[:, 0], states[:, 2], 0 * states[:, 0]
-        across, up = np.sin(angle), -np.cos(angle)
-        row = x[:, None] + METRES_PER_NEWTON * np.linspace(0.0, 1.0, BEADS) * actions[:, :1]
-        along = np.stack([zero, zero, x, x + REACH / 2 * across, x + REACH * across, zero], axis=1)
-        heights = np.stack([zero, zero + FLOOR, zero, REACH / 2 * up, REACH * up, zero + REACH], axis=1)
-        along = np.concatenate([along, row], axis=1)
-        heights = np.concatenate([heights, np.full_like(row, -0.17)], axis=1)
+        x, angle = states[:, :1], states[:, 2:3]
+        across, up, zero = REACH * np.sin(angle), -REACH * np.cos(angle), 0 * x
+        row = x + METRES_PER_NEWTON * np.linspace(0.0, 1.0, BEADS) * actions[:, :1]
+        along = np.concatenate([zero, zero, x, x + across / 2, x + across, zero, row], axis=1)
+        heights = np.concatenate([zero, zero + FLOOR, zero, up / 2, up, zero + REACH, 0 * row - 0.17], axis=1)
         depth = np.array([0.0, 0.0, 0.0, -0.12, -0.12, -0.12, *[-0.12] * BEADS])  # in front of the cart
-        positions = np.stack([along, np.broadcast_to(depth, along.shape), heights], axis=2)
-        orientations = np.array(upright(positions))
-        orientations[:, 3, 0], orientations[:, 3, 2] = (
-            np.sin(angle / 2),
-            np.cos(angle / 2),
-        )  # z points from joint to tip
-        return BodyTrajectories(times, positions, orientations)
+        turns = np.zeros_like(along)
+        turns[:, 3:4] = np.pi - angle  # the z axis points from the joint to the tip
+        return in_plane(along, depth, heights, turns)
 
 
 def from_upright(states: Array) -> Array:
     """Return the angles of the pole from upright, within [0, pi]."""
     return np.pi - np.abs(wrapped(states[:, 2]))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-
-
-def _require_positive(name: str, value: object, unit: str) -> None:
-    """Raise ValueError unless a value is a finite positive number."""
-    if not _is_number(value) or value <= 0:  # type: ignore[operator]  # a number
-        raise ValueError(f"{name}: expected a positive number ({unit}), got {value!r}")

@@ -4,7 +4,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from scipy.special import ndtr
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, BodyTrajectories, quaternions, upright
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, in_plane, quaternions
 from sim_nodes.envs.vector_task import Array, DrawnTask, Flags, clip, wrapped
 
 BEAM_HALF = 0.5  # m, of the beam's length
@@ -56,25 +56,19 @@ class BallOnBeam(DrawnTask):
 
     def bodies(self) -> list[Body]:
         """Return the beam, its bearing, the target in its middle, and the ball."""
-        beam, size = Body("box", (2 * BEAM_HALF, 0.05, 0.01), PALE), 2 * BALL_RADIUS
         return [
-            beam,
+            Body("box", (2 * BEAM_HALF, 0.05, 0.01), PALE),
             Body("box", (0.03, 0.05, 0.2), DARK),
             Body("box", (0.02, 0.06, 0.012), GREEN),
-            Body("ball", (size, size, size), BLUE),
+            Body("ball", (2 * BALL_RADIUS,) * 3, BLUE),
         ]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode."""
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:  # noqa: D102
         x, _, angle = observations.T
         zero, up = 0 * x, BALL_RADIUS + 0.005
         along = np.stack([zero, zero, zero, x * np.cos(angle) - up * np.sin(angle)], axis=1)
         heights = np.stack([zero, zero - 0.11, zero, x * np.sin(angle) + up * np.cos(angle)], axis=1)
-        positions = np.stack([along, 0 * along, heights], axis=2)
-        orientations = np.array(upright(positions))
-        for body in (0, 2):
-            orientations[:, body, 0], orientations[:, body, 2] = np.cos(angle / 2), -np.sin(angle / 2)
-        return BodyTrajectories(self.step_seconds * np.arange(len(x), dtype=np.float64), positions, orientations)
+        return in_plane(along, 0.0, heights, np.stack([-angle, zero, -angle, zero], axis=1))
 
 
 LOWEST, HIGHEST = np.array([0.1, 0.1, 0.2]), np.array([0.6, 0.6, 0.7])  # m, of levels and set point at the start
@@ -124,29 +118,23 @@ class Tanks(DrawnTask):
         tanks = [Body("box", (0.6, 0.02, FULL), PALE), Body("box", (0.6, 0.5, 0.02), DARK)] * 2
         return [*tanks, *water, Body("box", (0.5, 0.02, 0.02), GREEN), Body("ball", (0.12, 0.12, 0.12), ORANGE)]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode; the ball at the left rises with the action of the pump."""
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the poses of the bodies; the ball at the left rises with the action of the pump."""
         first, second, target = (column[:, None] for column in observations.T)
         bottom = FULL / SLICES * (np.arange(SLICES) - 0.5)  # of a slice, below the level it fills to
         zero = 0 * first
-        levels = [
-            np.minimum(np.maximum(level - FULL / SLICES / 2, 0.0), bottom + 0 * level) for level in (first, second)
-        ]
+        levels = [np.minimum(np.maximum(level - FULL / SLICES / 2, 0.0), bottom) for level in (first, second)]
         heights = np.concatenate(
             [zero + FULL / 2, zero, zero + FULL / 2, zero, *levels, target, 1.2 * actions[:, :1]], axis=1
         )
         along = np.array([-0.4, -0.4, 0.4, 0.4, *[-0.4] * SLICES, *[0.4] * SLICES, 0.4, -0.85])
         depth = np.array([0.25, 0.0, 0.25, 0.0, *[0.0] * (2 * SLICES), -0.22, 0.0])
-        positions = np.stack([along + 0 * heights, depth + 0 * heights, heights], axis=2)
-        times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
-        return BodyTrajectories(times, positions, upright(positions))
+        return in_plane(along, depth, heights)
 
 
 POLE_MASS, ARM, POLE_HALF = 0.024, 0.085, 0.065  # kg, of the pole; m: the arm, and half of the pole
-INERTIA, POLE_INERTIA = (
-    1.2e-4,
-    POLE_MASS * POLE_HALF * POLE_HALF * 4 / 3,
-)  # kg m2, of the arm and of the pole about its joint
+INERTIA = 1.2e-4  # kg m2, of the arm
+POLE_INERTIA = POLE_MASS * POLE_HALF * POLE_HALF * 4 / 3  # kg m2, of the pole about its joint
 GRAVITY = 9.81
 ARM_STOP = 2.0  # rad, greatest angle of the arm
 FURUTA_START_SD = 0.02  # of each state
@@ -227,8 +215,8 @@ class Furuta(DrawnTask):
             Body("box", (0.006, 0.006, 0.06), GREEN),
         ]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode; the target stands on the end of the arm."""
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the poses of the bodies; the target stands on the end of the arm."""
         arm, cosine, sine, _, _ = observations.T
         zero, one = 0 * arm, 0 * arm + 1.0
         out = np.stack([np.cos(arm), np.sin(arm), zero], axis=1)  # along the arm
@@ -242,5 +230,4 @@ class Furuta(DrawnTask):
         still = np.tile(np.eye(3), (len(arm), 1, 1))
         turned = np.stack([out, beside, up], axis=2)
         leaning = np.stack([out, np.cross(along, out), along], axis=2)
-        turns = quaternions(np.stack([still, turned, leaning, leaning, still], axis=1))
-        return BodyTrajectories(self.step_seconds * np.arange(len(arm), dtype=np.float64), positions, turns)
+        return positions, quaternions(np.stack([still, turned, leaning, leaning, still], axis=1))

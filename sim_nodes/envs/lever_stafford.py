@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, BodyTrajectories, upright
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Body, beads, in_plane
 from sim_nodes.envs.vector_task import Array, DrawnTask, clip, wrapped
 
 GOAL = 3.0
@@ -46,19 +46,13 @@ class Toy(DrawnTask):
             Body("box", (8.0, 0.3, 0.06), PALE),
             Body("cylinder", (0.6, 0.6, 0.1), GREEN),
             Body("ball", (0.5, 0.5, 0.5), BLUE),
-            *[Body("ball", (size, size, size), ORANGE) for size in [*[0.1] * (MOVE_BEADS - 1), 0.24]],
+            *beads(MOVE_BEADS, 0.1, 0.24),
         ]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode."""
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:  # noqa: D102
         place = observations[:, :1]
         along = [0 * place, 0 * place + GOAL, place, place + np.linspace(0.0, 1.0, MOVE_BEADS) * actions[:, :1]]
-        x = np.concatenate(along, axis=1)
-        height = np.array([-0.05, 0.0, 0.25, *[0.75] * MOVE_BEADS])
-        positions = np.stack([x, 0 * x, np.broadcast_to(height, x.shape)], axis=2)
-        return BodyTrajectories(
-            self.step_seconds * np.arange(len(place), dtype=np.float64), positions, upright(positions)
-        )
+        return in_plane(np.concatenate(along, axis=1), 0.0, np.array([-0.05, 0.0, 0.25, *[0.75] * MOVE_BEADS]))
 
 
 ANGLES = ("clip", "wrap")
@@ -130,28 +124,22 @@ class Pendulum(DrawnTask):
 
     def bodies(self) -> list[Body]:
         """Return the rod, its weight, its bearing, the target position, and the torque as an arc of beads."""
-        beads = [Body("ball", (size, size, size), ORANGE) for size in [*[0.05] * (BEADS - 1), 0.12]]
         return [
             Body("cylinder", (0.07, 0.07, 1.0), BLUE),
             Body("ball", (0.2, 0.2, 0.2), BLUE),
             Body("ball", (0.14, 0.14, 0.14), DARK),
             Body("box", (0.02, 0.02, 1.1), PALE),
-            *beads,
+            *beads(BEADS, 0.05, 0.12),
         ]
 
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
-        """Return the bodies' trajectories in an episode; the arc of a torque of 1 is half a radian long."""
-        theta = observations[:, 0]
-        arc = theta[:, None] + np.linspace(0.0, 0.5, BEADS) * actions[:, :1]
-        angles = np.concatenate([np.stack([theta, theta, 0 * theta, 0 * theta], axis=1), arc], axis=1)
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the poses of the bodies; the arc of a torque of 1 is half a radian long."""
+        theta = observations[:, :1]
+        arc = theta + np.linspace(0.0, 0.5, BEADS) * actions[:, :1]
+        angles = np.concatenate([theta, theta, 0 * theta, 0 * theta, arc], axis=1)
         radii = np.array([0.5, 1.0, 0.0, 0.55, *[0.5] * BEADS])
         depth = np.array([0.0, 0.0, 0.0, 0.1, *[-0.12] * BEADS])
-        positions = np.stack(
-            [radii * np.sin(angles), np.broadcast_to(depth, angles.shape), radii * np.cos(angles)], axis=2
-        )
-        orientations = np.array(upright(positions))
-        orientations[:, 0, 0], orientations[:, 0, 2] = np.cos(theta / 2), np.sin(theta / 2)
-        return BodyTrajectories(self.step_seconds * np.arange(len(theta), dtype=np.float64), positions, orientations)
+        return in_plane(radii * np.sin(angles), depth, radii * np.cos(angles), angles)
 
     def _bound(self, columns: Array) -> None:
         if self.angle == "wrap":

@@ -50,9 +50,22 @@ class BodyTrajectories(NamedTuple):
     orientations: Array
 
 
-def upright(positions: Array) -> Array:
-    """Return identity orientations for positions of shape (k, bodies, 3)."""
-    return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*positions.shape[:2], 4))
+def in_plane(along: Array, depth: Array | float, heights: Array, turns: Array | float = 0.0) -> tuple[Array, Array]:
+    """Return positions (k, bodies, 3) and orientations (k, bodies, 4) of bodies that turn about the y axis.
+
+    Args:
+        along: x in metres, shape (k, bodies), like the others after broadcasting.
+        depth: y in metres.
+        heights: z in metres.
+        turns: angles in radians that turn the z axis towards the x axis.
+    """
+    x, y, z, half = np.broadcast_arrays(along, depth, heights, 0.5 * np.asarray(turns))
+    return np.stack([x, y, z], axis=-1), np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=-1)
+
+
+def beads(count: int, size: float, last: float) -> list[Body]:
+    """Return a row of small balls and a larger last one, which visualise an action; sizes in metres."""
+    return [Body("ball", (each,) * 3, ORANGE) for each in [*[size] * (count - 1), last]]
 
 
 def matrices(orientations: Array) -> Array:

@@ -208,13 +208,22 @@ class DrawnTask(VectorTask):
         """Return the visible bodies."""
 
     @abstractmethod
-    def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
-        """Return the trajectories of the bodies in an episode; None if nothing moved.
+    def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
+        """Return the poses of the bodies before each action of an episode.
 
         Args:
             observations: before each action, shape (steps, d).
             actions: within their bounds, shape (steps, n).
+
+        Returns:
+            The positions of the centres in metres, shape (steps, bodies, 3), and the orientations as unit quaternions
+            w, x, y, z, shape (steps, bodies, 4).
         """
+
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
+        """Return the trajectories of the bodies in an episode, see `poses`; None if nothing moved."""
+        times = self.step_seconds * np.arange(len(observations), dtype=np.float64)
+        return BodyTrajectories(times, *self.poses(observations, actions))
 
     def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
         """Start an episode in every environment, as in `VectorTask.reset`."""
@@ -231,13 +240,12 @@ class DrawnTask(VectorTask):
         if self.render_mode is None:
             return None
         seen = self.observe(self._states, np.zeros((self.num_envs, self.observation_noise_dim)))
-        motion = self.motion(seen, self._actions)
-        if motion is None:
-            raise ValueError(f"{type(self).__name__}: expected a motion to draw, got none")
-        camera, bodies = Camera(self.view_direction, self.bounds), self.bodies()
-        return tuple(
-            camera.picture(bodies, *moment) for moment in zip(motion.positions, motion.orientations, strict=True)
+        camera, bodies, moments = (
+            Camera(self.view_direction, self.bounds),
+            self.bodies(),
+            self.poses(seen, self._actions),
         )
+        return tuple(camera.picture(bodies, *moment) for moment in zip(*moments, strict=True))
 
 
 class SingleTask(gymnasium.Env[Array, Array]):

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels
-from sim_nodes.envs.vector_task import Array, DrawnTask, SingleTask, clip
+from sim_nodes.envs.vector_task import Array, SingleTask, VectorTask, clip
 from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, Motion, adapted, demonstration
 from sim_nodes.pr2.world import OPENED, Trajectory, World, knots
 
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     trajectory: Trajectory | None
 
 
-class PR2Door(DrawnTask):
+class PR2Door(VectorTask):
     r"""Open a door by changing a demonstration, which was recorded at another pose of the robot's base.
 
     The observation is the error of the base's pose: :math:`(x / 0.015\,m, y / 0.05\,m, yaw / 0.05\,rad)`, standard
@@ -65,7 +65,7 @@ class PR2Door(DrawnTask):
             motion; None for none.
     """
 
-    metadata = {**DrawnTask.metadata, "render_modes": ["rgb_array", "rgb_array_list"]}
+    metadata = {**VectorTask.metadata, "render_modes": ["rgb_array", "rgb_array_list"], "render_fps": FPS}
 
     single_observation_space = Box(-np.inf, np.inf, (3,), np.float64)
     single_action_space = Box(np.array([-0.2, -0.08]), np.array([0.2, 0.08]), dtype=np.float64)
@@ -94,7 +94,6 @@ class PR2Door(DrawnTask):
         if first.shape != (2,) or not np.all(np.isfinite(first)):
             raise ValueError(f"start: expected two finite numbers, got {start!r}")
         super().__init__(num_envs, 1, render_mode)
-        self.metadata["render_fps"] = FPS
         self.pose = pose
         self.pose_seed = pose_seed
         self.start = first
