@@ -215,7 +215,7 @@ class RobotEpisode:
         self._clock, self._ticked_at = clock.ticked(now), now
         action = self._task.action.action(self._executed[step])
         transition = (self.observations[-1], action, sensed.observation)
-        reward = self._task.reward.step(*transition, sensed.reward)
+        reward = self._task.reward.of(sensed.reward, *transition)
         self.terminated = self._task.end.is_reached(*transition)
         self.rewards.append(reward)  # last, so that a failing rule leaves no partial step
         self.observations.append(sensed.observation)

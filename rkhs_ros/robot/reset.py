@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,106 +110,79 @@ def path_home(home: Home, start: Array, elapsed: float) -> tuple[Joints, bool]:
     return Joints(start + share * way, rate * way), done == 1.0
 
 
-class ResetProcess:
-    """One running reset.
-
-    Owns the remaining steps, and the progress of the current one.
-
-    Args:
-        reset: the steps and their settings.
-        kind: quantity that a command sets.
-        confirmation: commands with which the operator confirms that the scene is ready.
-        now: monotonic time of the start, seconds.
-        call: calls the service of the step ``trigger``.
+@dataclass(frozen=True)
+class Means:
+    """What a reset senses and calls.
 
     Attributes:
-        answer: success and message of the service; None until they arrive.
-        is_confirmed: whether the operator has confirmed that the scene is ready since being asked.
+        kind: quantity that a command sets.
+        now: returns the monotonic time, seconds.
+        sense: returns the state of the joints; may raise SensingError.
+        call: calls the service of the step ``trigger``; returns the future of its answer.
+        question: what the operator has to do in the step ``person``.
+        confirmations: returns how often the operator has confirmed something so far.
     """
 
-    def __init__(self, reset: Reset, kind: str, confirmation: str, now: float, call: Callable[[], None]) -> None:
-        self.answer: tuple[bool, str] | None = None
-        self.is_confirmed = False
-        self._reset = reset
-        self._kind = kind
-        self._confirmation = confirmation
-        self._call = call
-        self._left = list(reset.steps)
-        self._since = now
-        self._start: tuple[float, Array] | None = None  # of the path home: monotonic time and position
-        self._still_since: float | None = None
-        self._asked = False
+    kind: str
+    now: Callable[[], float]
+    sense: Callable[[], Joints]
+    call: Callable[[], Any]
+    question: str
+    confirmations: Callable[[], int]
 
-    def proceed(self, now: float, sense: Callable[[], Joints]) -> Array | str | None:
-        """Return the next command, or what the operator has to do meanwhile ("" for nothing), or None at the end.
 
-        Args:
-            now: monotonic time, seconds.
-            sense: reads the state of the joints, if a step needs it; may raise SensingError.
+def reset_steps(reset: Reset, means: Means) -> Iterator[Array | str]:
+    """Yield the next command of a reset, or what the operator has to do meanwhile, "" for nothing, until its end.
 
-        Raises:
-            ResetError: a step failed.
-        """
-        while self._left:
-            outcome = self._step(self._left[0], now, sense)
-            if outcome is not None:
-                return outcome
-            self._left.pop(0)
-            self._since, self._asked, self.answer, self.is_confirmed = now, False, None, False
-        return None
+    Raises:
+        ResetError: a step failed.
+    """
+    for step in reset.steps:
+        if step == "home":
+            yield from _go_home(reset.home, means)
+        elif step == "trigger":
+            yield from _call(reset.trigger, means)
+        else:
+            before = means.confirmations()
+            while means.confirmations() == before:
+                yield means.question
 
-    def _step(self, name: str, now: float, sense: Callable[[], Joints]) -> Array | str | None:
-        match name:
-            case "home":
-                try:
-                    return self._home(now, sense())
-                except SensingError as error:
-                    raise ResetError(f"home: {error}") from error
-            case "trigger":
-                return self._trigger(now)
-            case _:
-                return self._person()
 
-    def _home(self, now: float, found: Joints) -> Array | None:
-        home = self._reset.home
-        self._start = self._start or (now, found.position)
-        wanted, there = path_home(home, self._start[1], now - self._start[0])
+def _go_home(home: Home, means: Means) -> Iterator[Array]:
+    begin, start, still_since = means.now(), _sensed(means).position, inf
+    while True:
+        now, found = means.now(), _sensed(means)
+        wanted, there = path_home(home, start, now - begin)
         off = np.abs(found.position - home.position)
         still = there and bool((off <= home.tolerance).all() and (np.abs(found.velocity) <= home.rest).all())
-        self._still_since = (now if self._still_since is None else self._still_since) if still else None
-        if self._still_since is not None and now - self._still_since >= home.settle:
-            return None
-        if now - self._since > home.timeout:
+        still_since = min(still_since, now) if still else inf
+        if now - still_since >= home.settle:
+            return
+        if now - begin > home.timeout:
             worst = int(off.argmax())
             error = f"{home.joints[worst]} is {off[worst]:.3g} from home"
             raise ResetError(f"home: not settled within {home.timeout:g} s; {error}")
         pull = np.array(home.stiffness) * (wanted.position - found.position)
-        match self._kind:
-            case "position":
-                return wanted.position
-            case "velocity":
-                return wanted.velocity + pull
-            case _:
-                return pull + np.array(home.damping) * (wanted.velocity - found.velocity)
+        if means.kind == "position":
+            yield wanted.position
+        elif means.kind == "velocity":
+            yield wanted.velocity + pull
+        else:
+            yield pull + np.array(home.damping) * (wanted.velocity - found.velocity)
 
-    def _trigger(self, now: float) -> str | None:
-        service, timeout = self._reset.trigger.service, self._reset.trigger.timeout
-        if self.answer is not None:
-            success, message = self.answer
-            if not success:
-                raise ResetError(f"{service} failed: {message}")
-            return None
-        if now - self._since > timeout:
-            raise ResetError(f"{service} did not answer within {timeout:g} s")
-        if not self._asked:
-            self._asked = True
-            self._call()
-        return ""
 
-    def _person(self) -> str | None:
-        asked, self._asked = self._asked, True
-        if asked and self.is_confirmed:
-            return None
-        if not asked:
-            self.is_confirmed = False  # ignore a confirmation from before the question
-        return f"prepare the scene, then run: {self._confirmation}"
+def _sensed(means: Means) -> Joints:
+    try:
+        return means.sense()
+    except SensingError as error:
+        raise ResetError(f"home: {error}") from error
+
+
+def _call(trigger: Trigger, means: Means) -> Iterator[str]:
+    begin, answer = means.now(), means.call()
+    while not answer.done():
+        if means.now() - begin > trigger.timeout:
+            raise ResetError(f"{trigger.service} did not answer within {trigger.timeout:g} s")
+        yield ""
+    if not answer.result().success:
+        raise ResetError(f"{trigger.service} failed: {answer.result().message}")

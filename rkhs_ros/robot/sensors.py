@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -26,10 +27,10 @@ UNITS_OF_VECTORS = {
     "force": "N",
     "torque": "N m",
 }
-PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # part of a path: name, name[2] or name[0:3]
+PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)(?::(\d+))?\])?")  # part of a field: name, name[2] or name[0:3]
 TYPE = re.compile(r"[a-z]\w*/msg/[A-Z]\w*")
 MOST_NUMBERS = 1000  # per field
-Part = tuple[str, range | None]  # an attribute, and its selected entries; None selects the whole attribute
+Path = tuple[str | int, ...]  # to a number in a message: names of attributes and numbers of entries
 
 
 class SensingError(Exception):
@@ -76,14 +77,14 @@ class Sensor(Settings):
             require(not unknown, "fields", f"some of {', '.join(JOINT_FIELDS)}", ", ".join(unknown))
         else:
             for field in self.fields:
-                parts_of(field)
+                paths_of(field)
 
     @property
     def dimension(self) -> int:
         """Number of observed values."""
         if self.joints:
             return len(self.fields) * len(self.joints)
-        return sum(_size(parts_of(field)) for field in self.fields)
+        return sum(len(paths_of(field)) for field in self.fields)
 
     def names(self, name: str) -> list[str]:
         """Return the names of a sensor's values with units, such as "elbow position (rad)" or "tip position.x (m)".
@@ -95,9 +96,9 @@ class Sensor(Settings):
             units = self.units or [UNITS[field] for field in self.fields]
             pairs = zip(self.fields, units, strict=True)
             return [f"{joint} {field} ({unit})" for field, unit in pairs for joint in self.joints]
-        units = self.units or [_unit_of(parts_of(field)) for field in self.fields]
-        paths = [(path, unit) for field, unit in zip(self.fields, units, strict=True) for path in _paths(field)]
-        return [f"{name} {path} ({unit})" if unit else f"{name} {path}" for path, unit in paths]
+        units = self.units or [_unit_of(paths_of(field)[0]) for field in self.fields]
+        paths = [(path, unit) for field, unit in zip(self.fields, units, strict=True) for path in paths_of(field)]
+        return [f"{name} {_end_of(path)}" + f" ({unit})" * bool(unit) for path, unit in paths]
 
     def numbers(self, message: Any) -> list[float]:
         """Return the observed values of a message, field by field, and within a field joint by joint.
@@ -114,76 +115,61 @@ class Sensor(Settings):
         return values
 
 
-def parts_of(path: str) -> list[Part]:
-    """Return the parts of a field's path.
+def paths_of(field: str) -> list[Path]:
+    """Return the path to each number of a field, such as ("position", "x") for position.x.
 
     Raises:
-        ValueError: the path is invalid.
+        ValueError: the field is invalid.
     """
-    found = [PART.fullmatch(part) for part in path.split(".")]
-    require(all(found), "field", "a path such as linear.x, data[2] or data[0:3]", repr(path))
-    parts = [(match[1], _entries(match)) for match in found if match]
-    good = all(entries is None or len(entries) == 1 for _, entries in parts[:-1])
-    require(good and 1 <= _size(parts) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(path))
-    return parts
+    paths: list[Path] = [()]
+    for part in field.split("."):
+        match = PART.fullmatch(part)
+        if match is None or len(paths) > 1:
+            raise ValueError(f"field: expected a path such as linear.x, data[2] or data[0:3], got {field!r}")
+        name, first, end = match.groups()
+        entries = range(int(first or 0), int(end or first or 0) + (end is None))
+        require(0 < len(entries) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(field))
+        paths = [(*paths[0], name) if first is None else (*paths[0], name, entry) for entry in entries]
+    return paths
 
 
-def _entries(match: re.Match[str]) -> range | None:
-    _, first, end = match.groups()
-    return None if first is None else range(int(first), int(first) + 1 if end is None else int(end))
+def _unit_of(path: Path) -> str:
+    """Return the unit of a number, by the names that standard messages use; empty if unknown."""
+    return next((UNITS_OF_VECTORS[key] for key in map(str, path) if key in UNITS_OF_VECTORS), "")
 
 
-def _unit_of(parts: list[Part]) -> str:
-    """Return the unit of a field, by the names that standard messages use; empty if unknown."""
-    return next((UNITS_OF_VECTORS[name] for name, _ in parts if name in UNITS_OF_VECTORS), "")
+def _end_of(path: Path) -> str:
+    """Return the last two parts of a path as text."""
+    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
+    return ".".join(text[1:].split(".")[-2:])
 
 
-def _paths(field: str) -> list[str]:
-    """Return the last two parts of the path of each value in a field."""
-    *way, last = field.split(".")[-2:]
-    ((name, entries),) = parts_of(last)
-    ends = [last] if entries is None else [f"{name}[{entry}]" for entry in entries]
-    return [".".join([*way, end]) for end in ends]
-
-
-def _size(parts: list[Part]) -> int:
-    entries = parts[-1][1]
-    return 1 if entries is None else len(entries)
-
-
-def check_field(message: Any, path: str) -> None:
-    """Check that a type of message has a field; the entries of a sequence cannot be checked.
-
-    Args:
-        message: an empty message of the type.
-        path: path of the field.
-
-    Raises:
-        ValueError: the field does not exist.
-    """
-    for name, entries in parts_of(path):
+def check_field(message: Any, field: str) -> None:
+    """Raise ValueError if an empty message has no such field; the entries of a sequence cannot be checked."""
+    for name in paths_of(field)[0]:
+        if isinstance(name, int):
+            return
         known = [slot.lstrip("_") for slot in getattr(message, "__slots__", ()) if slot != "_check_fields"]
         if not hasattr(message, name):
-            raise ValueError(f"unknown field '{path}' of {type(message).__name__}, {hint(name, dict.fromkeys(known))}")
+            raise ValueError(f"unknown field '{field}' of {type(message).__name__}, {hint(name, dict.fromkeys(known))}")
         message = getattr(message, name)
-        if entries is not None:
-            return  # an empty message has no entries to check
 
 
-def field_values(message: Any, path: str) -> list[float]:
+def field_values(message: Any, field: str) -> list[float]:
     """Return the values in a field.
 
     Raises:
         SensingError: the field is missing, or not a number.
     """
-    *way, (last, entries) = parts_of(path)
+    paths = paths_of(field)
     try:
-        for name, place in way:
-            message = getattr(message, name) if place is None else getattr(message, name)[place[0]]
-        value = getattr(message, last)
-        return [float(each) for each in ([value] if entries is None else [value[k] for k in entries])]
+        return [float(reduce(_entry, path, message)) for path in paths]
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise SensingError(f"{path}: expected a number, got {type(error).__name__}: {truncated(error)}") from error
+        raise SensingError(f"{field}: expected a number, got {type(error).__name__}: {truncated(error)}") from error
+
+
+def _entry(value: Any, key: str | int) -> Any:
+    return value[key] if isinstance(key, int) else getattr(value, key)
 
 
 def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[float]:

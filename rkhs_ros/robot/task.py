@@ -18,7 +18,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import KINDS
 from rkhs_ros.robot.reset import Reset
-from rkhs_ros.robot.sensors import TYPE, UNITS, ReceivedMessage, Sensor, Sensors, field_values, fresh, parts_of
+from rkhs_ros.robot.sensors import TYPE, UNITS, ReceivedMessage, Sensor, Sensors, field_values, fresh, paths_of
 
 NAME = re.compile(r"[A-Za-z]\w*")
 Numbers = tuple[float, ...]
@@ -105,7 +105,7 @@ class Reward(Settings):
         """Raise ValueError if the type or the field of the topic is invalid."""
         super().__post_init__()
         require(bool(TYPE.fullmatch(self.type)), "reward.type", "PACKAGE/msg/TYPE", repr(self.type))
-        parts_of(self.field)
+        paths_of(self.field)
 
     @cached_property
     def rule(self) -> Rule | None:
@@ -115,20 +115,6 @@ class Reward(Settings):
             ValueError: it cannot be imported.
         """
         return user_function(self.function, "reward.function") if self.function else None
-
-    def step(self, before: Array, executed: Array, after: Array, from_topic: float) -> float:
-        """Return the reward of a step.
-
-        Args:
-            before: observation before the step, shape (d,).
-            executed: executed action, shape (n,).
-            after: observation after the step, shape (d,).
-            from_topic: value of the reward topic; 0 without one.
-
-        Raises:
-            RunError: the function fails, or does not return a finite number.
-        """
-        return self.of(from_topic, before, executed, after)
 
     def heard(self, messages: Mapping[str, ReceivedMessage], now: float, stale_after: float) -> float:
         """Return the newest value of the topic; 0 without one.
@@ -142,7 +128,11 @@ class Reward(Settings):
         return value
 
     def of(self, from_topic: float, *arrays: Array) -> float:
-        """Return the value of the function for its arguments, plus that of the topic.
+        """Return a reward: the value of the function, plus that of the topic.
+
+        Args:
+            from_topic: value of the topic; 0 without one.
+            arrays: what the function is called with.
 
         Raises:
             RunError: the function fails, or does not return a finite number.

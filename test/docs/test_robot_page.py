@@ -29,7 +29,7 @@ def test_the_steps_form_one_valid_section(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     task = robot_task_from(loaded("".join([begin, *parts]))["/**/robot"]["ros__parameters"])
     assert task.sensors.dimension == 9
-    assert task.reward.step(*[_observation(0.4, 0.6)] * 3, 0.0) == 1.0
+    assert task.reward.of(0.0, *[_observation(0.4, 0.6)] * 3) == 1.0
     assert task.end.is_reached(*[_observation(0.4, 0.0)] * 3)
 
 

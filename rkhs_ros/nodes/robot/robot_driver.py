@@ -1,7 +1,7 @@
 """The robot node's control of a robot during resets and episodes."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from rclpy.time import Time
@@ -18,7 +18,7 @@ from rkhs_ros.policies.messages import doubles, shaped
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
-from rkhs_ros.robot.reset import Joints, ResetError, ResetProcess
+from rkhs_ros.robot.reset import Joints, Means, ResetError, reset_steps
 from rkhs_ros.robot.sensors import SensingError, fresh
 from rkhs_ros.robot.task import RobotTask
 
@@ -56,7 +56,8 @@ class EpisodeDriver:
         self._node = node
         self._task = task
         self._ended = ended
-        self._reset: ResetProcess | None = None
+        self._reset: Iterator[Array | str] | None = None
+        self._confirmations = 0  # of the operator
         self._reset_period = min(task.period, RESET_PERIOD_S)
         self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
         # Monotonic times, seconds: of the request or the last obstacle, of the first observation, and of no obstacle.
@@ -69,6 +70,14 @@ class EpisodeDriver:
         self.sensors = SensorTopics(node, task)
         self._observations = node.create_publisher(Observation, "observation", LOCKSTEP_QOS)
         self._service = node.create_client(Trigger, task.reset.trigger.service or "~/trigger")
+        self._means = Means(
+            task.action.kind,
+            time.monotonic,
+            self._sense_joints,
+            call=lambda: self._service.call_async(Trigger.Request()),
+            question=f"prepare the scene, then run: {self.call('start')}",
+            confirmations=lambda: self._confirmations,
+        )
         node.create_subscription(Action, "action", self._act, LOCKSTEP_QOS)
 
     def begin(self, batch: Batch, identity: int, version: int, timeout: float) -> None:
@@ -81,8 +90,7 @@ class EpisodeDriver:
     def confirm(self) -> None:
         """Continue on the operator's confirmation."""
         self.paused = False
-        if self._reset is not None:
-            self._reset.is_confirmed = True
+        self._confirmations += 1
 
     def discard(self, reason: str) -> None:
         """Discard the current episode, if there is one."""
@@ -138,13 +146,12 @@ class EpisodeDriver:
         if self._reset is not None and (fault := obstacle or self._silence(now)):
             self.discard(fault)
         elif self._reset is not None:
-            self._continue_reset(self._reset, episode, now)
+            self._continue_reset(self._reset, episode)
         elif obstacle or self.paused:
             self.waiting, self._began_at = self._remedy(obstacle, now), now
         elif self._is_ready(now):
             self.waiting = ""
-            start = self.call("start")
-            self._reset = ResetProcess(self._task.reset, self._task.action.kind, start, now, self._call_service)
+            self._reset = reset_steps(self._task.reset, self._means)
         return self._clock.due
 
     def _remedy(self, obstacle: str, now: float) -> str:
@@ -173,9 +180,9 @@ class EpisodeDriver:
             raise RunError(f"{missing}, for {PEERS_TIMEOUT_S:g} s")
         return not missing
 
-    def _continue_reset(self, reset: ResetProcess, episode: RobotEpisode, now: float) -> None:
+    def _continue_reset(self, reset: Iterator[Array | str], episode: RobotEpisode) -> None:
         try:
-            outcome = reset.proceed(now, self._sense_joints)
+            outcome = next(reset, None)
             if isinstance(outcome, np.ndarray):
                 self._sent = (self._gate.send(outcome, time.time_ns()), -1)
                 return
@@ -188,16 +195,6 @@ class EpisodeDriver:
                 self._ready_at = time.monotonic()
         except (ResetError, SensingError) as error:
             self.discard(str(error))
-
-    def _call_service(self) -> None:
-        reset = self._reset
-
-        def answered(future: object) -> None:
-            answer = future.result()  # type: ignore[attr-defined]  # rclpy's futures have no types
-            if reset is not None:
-                reset.answer = (answer.success, answer.message)
-
-        self._service.call_async(Trigger.Request()).add_done_callback(answered)
 
     # Steps.
 

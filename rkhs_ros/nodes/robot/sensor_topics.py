@@ -114,7 +114,7 @@ def _uses(task: RobotTask) -> Iterator[Use]:
     if STEPS[0] in task.reset.steps:
         yield Use("reset.home", home.topic, JOINT_STATE, (), home.joints_in)
     if reward.topic:
-        read = partial(field_values, path=reward.field)
+        read = partial(field_values, field=reward.field)
         yield Use("reward", reward.topic, reward.type, (reward.field,), read, is_needed=False)
 
 

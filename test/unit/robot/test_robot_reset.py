@@ -1,11 +1,16 @@
 """Resets: the path home, and the order of the steps."""
 
+from collections.abc import Iterator
+from concurrent.futures import Future
+from types import SimpleNamespace as Answer
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.robot.reset import Home, Joints, Reset, ResetError, ResetProcess, Trigger, path_home
+from rkhs_ros.robot.reset import Home, Joints, Means, Reset, ResetError, Trigger, path_home, reset_steps
 
 HOME = Home(joints=("a", "b"), position=(0.0, 1.0), speed=(0.5, 2.0), stiffness=(20.0,), damping=(8.0,))
 POSITIONS = st.lists(st.floats(-10, 10), min_size=2, max_size=2).map(np.array)
@@ -24,60 +29,80 @@ def test_no_joint_exceeds_its_speed_on_the_path_home(start: np.ndarray) -> None:
     np.testing.assert_allclose(between, (velocities[1:] + velocities[:-1]) / 2, atol=0.05)
 
 
-def never() -> None:
-    pytest.fail("nobody asked for it")
+class Robot:
+    """Ideal joints, a clock that advances with each command, and an operator."""
 
+    def __init__(self, kind: str, start: np.ndarray) -> None:
+        self.kind, self.position, self.velocity = kind, start, np.zeros(2)
+        self.now, self.confirmations = 0.0, 0
+        self.answers: list[Future[Any]] = []
 
-def simulated(kind: str, start: np.ndarray, seconds: float = 60.0) -> tuple[np.ndarray, bool]:
-    """Return the position of ideal joints after the reset, and whether the reset succeeded."""
-    reset = ResetProcess(Reset(("home",), HOME), kind, "", 0.0, never)
-    position, velocity = start.copy(), np.zeros(2)
-    for tick in range(round(seconds / PERIOD)):
-        command = reset.proceed(tick * PERIOD, lambda: Joints(position, velocity))  # noqa: B023  # called here
-        if command is None:
-            return position, True
-        if kind == "effort":
-            velocity = velocity + PERIOD * command
+    def begin(self, reset: Reset) -> Iterator[np.ndarray | str]:
+        return reset_steps(
+            reset,
+            Means(
+                self.kind,
+                lambda: self.now,
+                lambda: Joints(self.position, self.velocity),
+                self._call,
+                "prepare the scene",
+                lambda: self.confirmations,
+            ),
+        )
+
+    def obey(self, command: np.ndarray) -> None:
+        if self.kind == "effort":
+            self.velocity = self.velocity + PERIOD * command
         else:
-            velocity = (command - position) / PERIOD if kind == "position" else command
-        position = position + PERIOD * velocity
-    return position, False
+            self.velocity = (command - self.position) / PERIOD if self.kind == "position" else command
+        self.position = self.position + PERIOD * self.velocity
+        self.now += PERIOD
+
+    def _call(self) -> Future[Any]:
+        self.answers.append(Future())
+        return self.answers[-1]
 
 
 @pytest.mark.parametrize("kind", ["position", "velocity", "effort"])
 def test_joints_of_each_kind_reach_home(kind: str) -> None:
-    position, done = simulated(kind, np.array([2.0, -2.0]))
-    assert done
-    assert (np.abs(position - HOME.position) <= HOME.tolerance).all()
+    robot = Robot(kind, np.array([2.0, -2.0]))
+    for command in robot.begin(Reset(("home",), HOME)):
+        assert isinstance(command, np.ndarray)
+        robot.obey(command)
+    assert (np.abs(robot.position - HOME.position) <= HOME.tolerance).all()
+    assert robot.now < HOME.timeout
 
 
 def test_a_failed_motion_home_names_the_joint() -> None:
-    reset = ResetProcess(Reset(("home",), HOME), "position", "", 0.0, never)
-    stuck = Joints(np.array([2.0, 1.0]), np.zeros(2))
-    np.testing.assert_array_equal(reset.proceed(0.0, lambda: stuck), stuck.position)
+    robot = Robot("position", np.array([2.0, 1.0]))
+    reset = robot.begin(Reset(("home",), HOME))
+    np.testing.assert_array_equal(next(reset), robot.position)
+    robot.now = 31.0
     with pytest.raises(ResetError, match="home: not settled within 30 s; a is 2 from home"):
-        reset.proceed(31.0, lambda: stuck)
+        next(reset)
 
 
 def test_reset_steps_run_in_order() -> None:
-    calls: list[str] = []
-    steps = Reset(("trigger", "person"), trigger=Trigger("tidy"))
-    reset = ResetProcess(steps, "position", "call me", 0.0, lambda: calls.append("tidy"))
-    assert [reset.proceed(at, never) for at in (0.0, 1.0)] == ["", ""]
-    assert calls == ["tidy"]
-    reset.answer = (True, "")
-    reset.is_confirmed = True  # too early: nobody asked for it yet
-    assert [reset.proceed(at, never) for at in (2.0, 3.0)] == ["prepare the scene, then run: call me"] * 2
-    reset.is_confirmed = True
-    assert reset.proceed(4.0, never) is None
+    robot = Robot("position", np.zeros(2))
+    reset = robot.begin(Reset(("trigger", "person"), trigger=Trigger("tidy")))
+    assert [next(reset), next(reset), len(robot.answers)] == ["", "", 1]
+    robot.answers[0].set_result(Answer(success=True))
+    robot.confirmations += 1  # too early: nobody asked for it yet
+    assert [next(reset), next(reset)] == ["prepare the scene"] * 2
+    robot.confirmations += 1
+    assert next(reset, None) is None
 
 
 @pytest.mark.parametrize(
-    ("answer", "reason"), [((False, "no"), "tidy failed: no"), (None, "tidy did not answer within 60 s")]
+    ("answer", "reason"),
+    [(Answer(success=False, message="no"), "tidy failed: no"), (None, "tidy did not answer within 60 s")],
 )
-def test_a_service_that_fails_fails_the_reset(answer: tuple[bool, str] | None, reason: str) -> None:
-    reset = ResetProcess(Reset(("trigger",), trigger=Trigger("tidy")), "position", "", 0.0, lambda: None)
-    reset.proceed(0.0, never)
-    reset.answer = answer
+def test_a_service_that_fails_fails_the_reset(answer: Answer | None, reason: str) -> None:
+    robot = Robot("position", np.zeros(2))
+    reset = robot.begin(Reset(("trigger",), trigger=Trigger("tidy")))
+    next(reset)
+    robot.now = 61.0
+    if answer is not None:
+        robot.answers[0].set_result(answer)
     with pytest.raises(ResetError, match=reason):
-        reset.proceed(61.0, never)
+        next(reset)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, Sensor, Sensors, field_values, parts_of
+from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, Sensor, Sensors, field_values, paths_of
 
 NUMBERS = st.floats(-1e6, 1e6)
 IMU = Message(linear_acceleration=Message(x=1.0, y=2.0, z=3.0), covariance=[4.0, 5.0, 6.0])
@@ -31,7 +31,7 @@ def test_a_path_selects_numbers(message: Message, path: str, values: list[float]
 @pytest.mark.parametrize("path", ["", "a..b", "a[", "a[1:1]", "a[0:2].b", "a[0:99999]"])
 def test_an_invalid_path_is_refused(path: str) -> None:
     with pytest.raises(ValueError, match="field: expected"):
-        parts_of(path)
+        paths_of(path)
 
 
 @pytest.mark.parametrize("path", ["nothing", "linear_acceleration", "covariance[3]", "covariance"])

@@ -104,7 +104,7 @@ def test_commands_stay_within_the_mapped_bounds(action: list[float], scale: list
 def test_the_reward_is_the_sum_of_function_and_topic() -> None:
     reward = Reward(function=f"{HERE}:squares")
     ones = np.ones(2)
-    assert reward.step(ones, ones, ones, 10.0) == 16.0
+    assert reward.of(10.0, ones, ones, ones) == 16.0
     assert not End().is_reached(ones, ones, ones)
 
 
@@ -115,7 +115,7 @@ def test_the_reward_is_the_sum_of_function_and_topic() -> None:
 def test_a_failing_reward_is_reported_and_cannot_edit_our_arrays(name: str, message: str) -> None:
     reward, ones = Reward(function=f"{HERE}:{name}"), np.ones(2)
     with pytest.raises(RunError, match=message):
-        reward.step(ones, ones, ones, 0.0)
+        reward.of(0.0, ones, ones, ones)
     np.testing.assert_array_equal(ones, 1.0)
 
 
@@ -135,7 +135,7 @@ def test_a_hanging_reward_is_reported_and_earlier_alarms_still_fire(monkeypatch:
     left, _ = signal.setitimer(signal.ITIMER_REAL, 2.0)
     try:
         with pytest.raises(RunError, match=r"reward function: did not return within 0\.05 s"):
-            reward.step(ones, ones, ones, 0.0)
+            reward.of(0.0, ones, ones, ones)
         assert not alarms
         while not alarms:
             time.sleep(0.01)
