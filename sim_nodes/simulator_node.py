@@ -12,7 +12,7 @@ from rkhs_interfaces.msg import Action, Episodes, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require, truncated
-from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, unconnected
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, describe, observation_message
 from rkhs_ros.nodes.core.parameters import declare, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
@@ -79,8 +79,8 @@ class SimulatorNode(ReportingNode):
         return describe(self._simulation, request.num_envs)
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        if not is_answered(self, "observation", "action"):
-            response.message = "no policy node subscribes to the observations"
+        if message := unconnected(self, "observation", "action"):
+            response.message = message
             return response
         with self.diagnostics.accepting(response, "start_episodes"):
             self._check_task(request)

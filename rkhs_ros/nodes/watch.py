@@ -94,6 +94,7 @@ class NodeReports(Client):
         self.progress: dict[str, LearningProgress] = {}
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
         self._topics: set[str] = set()
+        self._learners: set[str] = set()
         self._gate: GateState | None = None
         self.node.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
         self.node.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
@@ -103,9 +104,12 @@ class NodeReports(Client):
 
     @property
     def statuses(self) -> Statuses:
-        """The newest report of each node, replaced by an error if the node has fallen silent."""
-        now, heard = time.monotonic(), dict(self._heard)
-        return {name: _silent(each, now - at) if now - at > LISTEN_S else each for name, (at, each) in heard.items()}
+        """The newest report of each node; one that has fallen silent has an error, but a learner then computes."""
+        now, known = time.monotonic(), {name: _busy(name) for name in self._learners}
+        for name, (at, each) in dict(self._heard).items():
+            is_silent = now - at > LISTEN_S
+            known[name] = (known.get(name) or _silent(each, now - at)) if is_silent else each
+        return known
 
     def nodes(self) -> list[tuple[str, str, str]]:
         """Return the name, the level ("ok", "warning" or "error") and the message of each node."""
@@ -129,12 +133,14 @@ class NodeReports(Client):
             return
 
     def _look_for_learners(self) -> None:
-        """Subscribe to new learners in any namespace."""
+        """Subscribe to the progress of new learners in any namespace, and note which of them are running."""
         for topic, kinds in self.node.get_topic_names_and_types():
             if PROGRESS in kinds and topic not in self._topics:
                 self._topics.add(topic)
                 hear = partial(self.progress.__setitem__, topic)
                 self.node.create_subscription(LearningProgress, topic, hear, LATCHED_QOS)
+        running = filter(self.node.count_publishers, self.progress)
+        self._learners = {f"{topic.rpartition('/')[0]}/learner" for topic in running}
 
     def _hear(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -150,6 +156,10 @@ class NodeReports(Client):
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
     """Return the values of a report by key."""
     return {value.key: value.value for value in status.values}
+
+
+def _busy(name: str) -> DiagnosticStatus:
+    return DiagnosticStatus(name=name, level=DiagnosticStatus.OK, message="busy: it updates the policy")
 
 
 def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:

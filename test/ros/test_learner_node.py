@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from rkhs_interfaces.srv import SetPolicy
-from rkhs_ros.nodes.core.peers import CONNECTION_S
-from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S
+from rkhs_ros.nodes.core.diagnostics import UNCONNECTED
 from rkhs_ros.runs.curve import Curve
 from test.ros.conftest import Probe, Process
 
@@ -15,18 +14,17 @@ Learner = Callable[..., Process]
 
 
 class IdlePolicyNode:
-    """Refuses some policies at first, then takes all, and never acts."""
+    """Refuses policies at first, then takes all, and never acts."""
 
-    def __init__(self, probe: Probe, refusals: int) -> None:
+    def __init__(self, probe: Probe, refusals: int, refusal: str) -> None:
         self.asked: list[int] = []  # versions
-        self._refusals = refusals
+        self._refusals, self._refusal = refusals, refusal
         probe.speak("action")
         self._service = probe.create_service(SetPolicy, "set_policy", self._set_policy)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
         self.asked.append(request.policy.version)
-        response.success = len(self.asked) > self._refusals
-        response.message = "expected another policy, got this one"
+        response.success, response.message = len(self.asked) > self._refusals, self._refusal
         return response
 
 
@@ -43,25 +41,23 @@ def learn(start: Callable[..., Process], parameters: Callable[..., Path], tmp_pa
     return begin
 
 
-def test_only_a_persistent_refusal_ends_the_run(learn: Learner, probe: Probe) -> None:
-    policy = IdlePolicyNode(probe, refusals=10**6)
-    learner = learn(timeout=20)
-    probe.until(lambda: learner.popen.poll() is not None)
-    code, _, err = learner.finish()
-    assert (code, err) == (2, "error: the policy node refused: expected another policy, got this one\n")
-    assert 5 < len(policy.asked) <= CONNECTION_S / SIGNAL_CHECK_S + 2
-    assert len(set(policy.asked)) == 1
-
-
-def test_a_transient_refusal_does_not_end_the_run_but_a_policy_node_that_does_not_act_does(
-    learn: Learner, probe: Probe
+@pytest.mark.parametrize(
+    ("refusal", "refusals", "end"),
+    [
+        ("expected another policy", 1, (2, "the policy node refused: expected another policy")),
+        (f"{UNCONNECTED}nobody is there", 3, (75, "the simulator node did not answer within 2 s")),  # it has ended
+    ],
+)
+def test_a_refusal_ends_the_run_unless_the_nodes_have_not_met(
+    learn: Learner, probe: Probe, refusal: str, refusals: int, end: tuple[int, str]
 ) -> None:
-    policy = IdlePolicyNode(probe, refusals=3)
+    policy = IdlePolicyNode(probe, refusals, refusal)
     learner = learn(timeout=2)
     probe.until(lambda: learner.popen.poll() is not None)
     code, _, err = learner.finish()
-    assert (code, err) == (75, "error: the simulator node did not answer within 2 s\n")  # it has ended before
-    assert len(policy.asked) == 4
+    assert (code, err) == (end[0], f"error: {end[1]}\n")
+    assert len(policy.asked) == max(refusals, 1) + (end[0] == 75)
+    assert len(set(policy.asked)) == 1
 
 
 @pytest.mark.parametrize("interrupted", [False, pytest.param(True, marks=pytest.mark.nightly)])

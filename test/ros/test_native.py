@@ -5,11 +5,8 @@ import re
 import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from rcl_interfaces.msg import Log
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from rkhs_ros.nodes.core.transport import PROFILES, RANGE
 from test.processes import of_process
@@ -51,18 +48,6 @@ def test_nodes_in_a_namespace_share_one_file(start: Start, tmp_path: Path, monke
     more = ("-p", "iterations:=3", "-p", "output:=~/run", "-p", "quiet:=true")
     assert start("learner", *arguments, *more).finish() == (0, "", "")
     assert (tmp_path / "run" / "policy.npz").is_file()
-
-
-def test_the_reason_of_an_exit_is_on_rosout(start: Start, probe: Probe) -> None:
-    logs: list[Any] = []
-    qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    probe.create_subscription(Log, "/rosout", logs.append, qos)
-    learner = start("learner", "--ros-args", "-p", "timeout:=1.0")
-    probe.until(lambda: learner.popen.poll() is not None)
-    probe.settle()
-    _, _, err = learner.finish()
-    fatal = [(log.name, log.msg) for log in logs if log.level == Log.FATAL]
-    assert fatal == [("learner", err.removeprefix("error: ").rstrip("\n"))]
 
 
 def bound(pid: int) -> set[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from rkhs_interfaces.msg import GateState
+from rkhs_interfaces.msg import GateState, LearningProgress
 from rkhs_ros.app.commands.view import reports_of
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
@@ -17,6 +17,8 @@ def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, domain: int
     (tmp_path / "domain").write_text(f"{domain}\n")
     gate = probe.create_publisher(GateState, "gate/state", LATCHED_QOS)
     gate.publish(GateState(state="stopped", reason="too fast", commands=7, stops=1))
+    progress = probe.create_publisher(LearningProgress, "progress", LATCHED_QOS)
+    progress.publish(LearningProgress(run="mine"))
     nodes = probe.create_publisher(DiagnosticArray, TOPIC, DIAGNOSTICS_QOS)
     ours = [KeyValue(key=OF_OURS, value="0")]
     policy = DiagnosticStatus(name="/policy", level=DiagnosticStatus.OK, message="ok", values=ours)
@@ -27,10 +29,11 @@ def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, domain: int
 
     def heard() -> bool:
         nodes.publish(DiagnosticArray(status=[policy, robot, driver]))
-        return bool(reports.nodes() and reports.gate())
+        return len(reports.nodes()) == 3 and bool(reports.gate())
 
     probe.until(heard)
-    assert reports.nodes() == [("/policy", "ok", "ok"), ("/robot", "error", "stuck: too fast")]
+    busy = ("/learner", "ok", "busy: it updates the policy")
+    assert reports.nodes() == [busy, ("/policy", "ok", "ok"), ("/robot", "error", "stuck: too fast")]
     assert reports.gate().items() >= {"state": "stopped", "reason": "too fast", "commands": 7, "stops": 1}.items()
     reports.close()
     probe.until(lambda: nodes.get_subscription_count() == 0)

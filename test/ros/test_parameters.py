@@ -26,8 +26,8 @@ def test_every_setting_is_described_and_read_only_with_the_value_of_the_file(
         probe.add_service(f"learner/{word}_parameters", kinds[word])
         return probe.ask(f"learner/{word}_parameters", kinds[word].Request(**fields))
 
-    described = {each.name: each for each in ask("describe", names=["use_sim_time", *NAMES]).descriptors}
-    assert set(described) == {"use_sim_time", *NAMES}
+    described = {each.name: each for each in ask("describe", names=NAMES).descriptors}
+    assert set(described) == set(NAMES)
     assert all(d.description and d.read_only and d.type != ParameterType.PARAMETER_NOT_SET for d in described.values())
     (discount,) = described["discount"].floating_point_range
     assert (discount.from_value, discount.to_value) == (0.0, 1.0)

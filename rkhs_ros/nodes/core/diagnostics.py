@@ -19,6 +19,7 @@ REPORT_PERIOD_S = 1.0
 LOG_PERIOD_S = 1.0  # between log lines of refusals
 LAST_REPORT_TIMEOUT_S = 0.5  # for subscribers to receive the report of an error before the node exits
 
+UNCONNECTED = "not connected yet: "  # prefix of a refusal that ends once the nodes have discovered each other
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node whose name is not known yet
 MESSAGES = 50  # over which the rate of a source is averaged
 SILENT_S = 1.0  # least time without a message after which a source is silent
@@ -146,13 +147,14 @@ def rivals(node: Node, topics: Iterable[str]) -> str:
     return "; ".join(listed(node, topic) for topic in names if len(names[topic]) > 1)
 
 
-def is_answered(node: Node, topic: str, answers: str) -> bool:
-    """Return whether a node subscribes to one topic of this node and publishes the other one.
+def unconnected(node: Node, topic: str, answers: str) -> str:
+    """Return an error message unless a node subscribes to one topic of this node and publishes the other one.
 
     Other subscribers, such as recorders, do not answer. A node that this process has discovered receives its messages.
     """
     subscribers = {full_name(info) for info in node.get_subscriptions_info_by_topic(topic) if info.node_name != UNKNOWN}
-    return not subscribers.isdisjoint(full_name(info) for info in node.get_publishers_info_by_topic(answers))
+    answering = {full_name(info) for info in node.get_publishers_info_by_topic(answers)}
+    return "" if subscribers & answering else f"{UNCONNECTED}no node answers {topic} by {answers}"
 
 
 class Source:

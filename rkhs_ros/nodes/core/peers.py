@@ -15,11 +15,10 @@ from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_opti
 
 from rkhs_ros.base.endings import SilentError, Stop, StoppedError, deferred_signals
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.diagnostics import Diagnostics
+from rkhs_ros.nodes.core.diagnostics import UNCONNECTED, Diagnostics
 from rkhs_ros.nodes.core.spin import SIGNAL_CHECK_S, ReportingNode
 from rkhs_ros.nodes.core.transport import using_udp
 
-CONNECTION_S = 5.0  # for the topics between nodes that have just started to connect
 LOGGED_AFTER_S = 3.0  # of waiting for a node
 REPEAT_S = 1.0  # without an answer to a repeatable request
 CHECK_S = 0.5  # between checks whether a call takes too long
@@ -42,11 +41,7 @@ def _interrupts_held() -> AbstractContextManager[None]:
 class Peers:
     """A node's calls to other nodes; the node handles its own messages while it waits for answers.
 
-    Owns the executor of the calling node.
-
-    Attributes:
-        stop: set when the process must exit.
-        timeout_s: seconds after which a silent node is an error.
+    Owns the executor of the calling node. A node that is silent for `timeout_s` seconds is an error.
     """
 
     def __init__(self, node: ReportingNode, timeout_s: float) -> None:
@@ -61,11 +56,7 @@ class Peers:
         self._executor.shutdown()
 
     def spin(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Handle messages until the condition holds or the time is over; return whether it holds.
-
-        Raises:
-            StoppedError: the process was asked to exit.
-        """
+        """Handle messages until the condition holds or the time is over; return whether it holds."""
         deadline = time.monotonic() + seconds
         while not condition():
             left = deadline - time.monotonic()
@@ -89,17 +80,10 @@ class Peers:
             raise self.silent(name)
 
     def call(self, client: Client, request: Any, name: str, *, repeatable: bool = False) -> Any:
-        """Return a node's answer.
+        """Return a node's answer; raise SilentError if none arrives in time.
 
-        Args:
-            client: of the service.
-            request: to send.
-            name: of the node.
-            repeatable: whether to repeat the request every second. An answer is lost if the node has not yet
-                discovered the client, so the first request to a node must be repeatable.
-
-        Raises:
-            SilentError: no answer arrived in time.
+        A repeatable request is repeated every second. An answer is lost if the node has not yet discovered the client,
+        so the first request to a node must be repeatable.
         """
         begin = sent = time.monotonic()
         future = client.call_async(request)
@@ -116,18 +100,18 @@ class Peers:
         return future.result()
 
     def call_until_accepted(self, ask: Callable[[], Any], name: str) -> Any:
-        """Repeat a request until the node accepts it, for some seconds.
-
-        Nodes refuse requests until they have discovered the nodes that their topics connect.
+        """Repeat a request until the nodes that the topics of its node connect have discovered each other.
 
         Raises:
-            ValueError: the node keeps refusing; the message says why.
-            SilentError: no answer arrived in time.
+            ValueError: the node refuses; the message says why.
+            SilentError: no answer arrived, or the nodes have not discovered each other, in time.
         """
-        deadline = time.monotonic() + CONNECTION_S
+        deadline = time.monotonic() + self.timeout_s
         while not (response := ask()).success:
-            if time.monotonic() > deadline:
+            if not response.message.startswith(UNCONNECTED):
                 raise ValueError(f"the {name} node refused: {response.message}")
+            if time.monotonic() > deadline:
+                raise SilentError(f"the {name} node is {response.message}")
             self.spin(lambda: False, SIGNAL_CHECK_S)
         return response
 
@@ -142,15 +126,9 @@ class ClientNode(ReportingNode):
     Args:
         name: of the node.
         timeout: seconds after which a silent node is an error.
-        namespace: of the node.
+        namespace: of the node; raises ValueError if it is invalid.
         domain: ROS domain; None for ROS_DOMAIN_ID.
         report: returns further values to report.
-
-    Attributes:
-        peers: its calls to other nodes.
-
-    Raises:
-        ValueError: the namespace is invalid.
     """
 
     def __init__(

@@ -16,14 +16,11 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
-from rcl_interfaces.msg import Log
 from rclpy._rclpy_pybind11 import RCLError  # type: ignore[import-not-found]  # rclpy does not export it
 from rclpy.context import Context
-from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from rkhs_ros.base.endings import (
@@ -36,9 +33,8 @@ from rkhs_ros.base.endings import (
     print_error,
 )
 from rkhs_ros.base.processes import one_thread, search_here
-from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import truncated
-from rkhs_ros.nodes.core.parameters import check_arguments, declare
+from rkhs_ros.nodes.core.parameters import check_arguments
 from rkhs_ros.nodes.core.transport import by_udp
 
 if TYPE_CHECKING:
@@ -46,12 +42,9 @@ if TYPE_CHECKING:
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 IGNORED = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP)  # SIGTSTP would suspend a node that others wait for
-CLOCK = "use_sim_time"
 SIGNAL_CHECK_S = 0.1  # between checks for a signal
 MOST_ENDING_S = 10  # for a node to exit; the middleware sometimes waits for ever, and nothing else would end it
 RETRY_S = 0.001  # before retrying a failed callback while a node brings its robot to rest
-LAST_WORDS_S = 0.5  # for subscribers to be discovered and to receive the reason before a node exits with an error
-ROSOUT_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class PeerError(RunError):
@@ -71,9 +64,6 @@ class ReportingNode(Node):
         super().__init__(
             name, context=context, namespace=namespace, automatically_declare_parameters_from_overrides=True
         )
-        about = {"description": "take time stamps from /clock; fixed when the node starts"}
-        declare(self, [Entry(CLOCK, self.get_parameter(CLOCK).value, about)])  # read-only: stamps must not jump
-        self._rosout = self.create_publisher(Log, "/rosout", ROSOUT_QOS)
         self.resources = ExitStack()  # closed with the node
         self._claim = self.resources.enter_context(socket.socket(socket.AF_UNIX))
 
@@ -98,21 +88,8 @@ class ReportingNode(Node):
         super().destroy_node()
 
     def open(self) -> None:
-        """Declare the parameters and open topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, or an invalid value.
-        """
+        """Declare the parameters and open topics and services; raise ValueError for unknown or invalid ones."""
         raise NotImplementedError
-
-    def log_fatal(self, reason: str) -> None:
-        """Publish on /rosout why the node exits; standard error gets its own line."""
-        deadline = time.monotonic() + LAST_WORDS_S
-        while not self._rosout.get_subscription_count() and time.monotonic() < deadline:
-            time.sleep(LAST_WORDS_S / 10)
-        stamp = self.get_clock().now().to_msg()
-        self._rosout.publish(Log(stamp=stamp, level=Log.FATAL, name=self.get_name(), msg=reason))
-        self._rosout.wait_for_all_acked(Duration(seconds=LAST_WORDS_S))
 
     def heartbeat(self) -> float:
         """Do the periodic work that is due, such as the status report; return the seconds until more may be due."""
@@ -173,16 +150,7 @@ def run(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode,
     the exit code of an interrupt, and a serving node with 0.
     A signal only sets the event that is passed to the work, because ROS's own handlers would invalidate the context of
     a callback that is about to publish. SIGHUP is ignored under nohup.
-
-    Args:
-        make_node: returns the node of that name.
-        name: of the node.
-        work: runs with the node until the event is set.
     """
-    sys.exit(_code_of(make_node, name, work))
-
-
-def _code_of(make_node: Callable[[str], AnyNode], name: str, work: Callable[[AnyNode, Stop], None]) -> int:
     stop = Stop()
     _handle_signals(stop)
     code = 0
@@ -191,7 +159,10 @@ def _code_of(make_node: Callable[[str], AnyNode], name: str, work: Callable[[Any
         node = make_node(name)
         try:
             with one_thread():
-                _work(node, work, stop)
+                open_node(node)
+                gc.collect()
+                gc.freeze()  # so that the collector does not traverse imported modules between messages
+                work(node, stop)
         finally:
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.alarm(MOST_ENDING_S)
@@ -207,7 +178,7 @@ def _code_of(make_node: Callable[[str], AnyNode], name: str, work: Callable[[Any
         rclpy.try_shutdown()
         for number in ENDING:
             signal.signal(number, signal.SIG_IGN)  # Python would restore handlers that kill it during its exit
-    return code
+    sys.exit(code)
 
 
 def _handle_signals(stop: Stop) -> None:
@@ -230,24 +201,8 @@ def _begin(name: str) -> None:
         raise ValueError(f"arguments: expected valid ROS arguments, but ROS reports: {truncated(error)}") from error
 
 
-def _work(node: AnyNode, work: Callable[[AnyNode, Stop], None], stop: Stop) -> None:
-    try:
-        open_node(node)
-        gc.collect()
-        gc.freeze()  # so that the collector does not traverse imported modules between messages
-        work(node, stop)
-    except (ValueError, RunError, OSError) as error:
-        node.log_fatal(str(error))
-        raise
-
-
 def open_node(node: ReportingNode) -> None:
-    """Open a node's topics and services, unless a node of its name is running already.
-
-    Raises:
-        PeerError: a node of its name is running.
-        ValueError: a parameter is unknown or invalid, a name is invalid, or the middleware refuses one.
-    """
+    """Open a node's topics and services; raise PeerError if its name is taken, and ValueError for bad parameters."""
     node.claim_name()
     try:
         node.open()

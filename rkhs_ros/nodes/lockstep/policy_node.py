@@ -8,7 +8,7 @@ from rkhs_interfaces.msg import Action
 from rkhs_interfaces.msg import Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, unconnected
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of, observations_of
 from rkhs_ros.nodes.core.parameters import declared, given, require_known
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
@@ -73,8 +73,8 @@ class PolicyNode(ReportingNode):
         return ServedPolicy(policy, version=0, explores=False)
 
     def _set_policy(self, request: SetPolicy.Request, response: SetPolicy.Response) -> SetPolicy.Response:
-        if not is_answered(self, "action", "observation"):
-            response.message = "no simulator subscribes to the actions"
+        if message := unconnected(self, "action", "observation"):
+            response.message = message
             return response
         with self.diagnostics.accepting(response, "set_policy"):
             if self._served is not None and not self._served.explores:

@@ -14,7 +14,7 @@ from rkhs_ros.base.endings import RunError, SilentError, Stop
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes as EpisodeValues
 from rkhs_ros.learning.episodes import Execution
-from rkhs_ros.nodes.core.diagnostics import Diagnostics, is_answered
+from rkhs_ros.nodes.core.diagnostics import Diagnostics, unconnected
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
@@ -114,8 +114,8 @@ class RobotNode(ReportingNode):
         )
 
     def _start(self, request: StartEpisodes.Request, response: StartEpisodes.Response) -> StartEpisodes.Response:
-        if not is_answered(self, "observation", "action"):
-            response.message = "no policy node subscribes to the observations"
+        if message := unconnected(self, "observation", "action"):
+            response.message = message
             return response
         self._motion.alive_at = time.monotonic()
         with self.diagnostics.accepting(response, "start_episodes"):
