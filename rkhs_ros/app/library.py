@@ -28,16 +28,16 @@ from rkhs_ros.learning.training import train as iterations_of
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy, load
+from rkhs_ros.policies.storage import packed, policy_arrays
 from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.evaluation import FinalEvaluation, final_evaluation
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import columns, has_events
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.report import Report, is_started, new_folder
+from rkhs_ros.runs.report import Report, initial_policy, is_started, new_folder, start_from
 from rkhs_ros.runs.run import training_steps
 
 if TYPE_CHECKING:
@@ -222,11 +222,14 @@ def _make_folder(out: Path, config: Config, first_policy: GaussianPolicy | None,
     require(type(kernel) is KernelChoice, "kernel", expected, getattr(kernel, "kernel", kernel))
     try:
         dumped(options)
-        json.dumps(options)  # in policies and checkpoints
+        json.dumps(options)  # in policies and recordings
     except (YAMLError, TypeError, ValueError) as error:
         raise ValueError(f"options: expected values that out= can store in config.yaml, got {options}") from error
     if is_started(out):
         require(resume, f"{out}", "a new or empty folder, or resume=True to continue the run in it", "a run")
+        given = initial_policy(out)
+        same = first_policy is None or (given and packed(policy_arrays(given)) == packed(policy_arrays(first_policy)))
+        require(bool(same), "policy", f"none, or the initial policy of the run in {out}", "another one")
         return
     new_folder(out, config.training.name)
     start_from(out, config, first_policy)

@@ -6,7 +6,6 @@ from pathlib import Path
 from rkhs_ros.app.inline import load_acting
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.state import State
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.recording import FILE, read_recording
@@ -14,7 +13,7 @@ from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.evaluation import Evaluation
 from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.recorded import memory_of
+from rkhs_ros.runs.recorded import state_of
 from rkhs_ros.runs.report import CONFIGURATION, old_folder
 from rkhs_ros.studies.comparison import Comparison
 from rkhs_ros.studies.comparison import compare as compare_runs
@@ -80,9 +79,8 @@ def load_model(folder: str | Path) -> LearntModel:
     """
     folder = old_folder(Path(folder))
     training, recording = load_config(folder / CONFIGURATION).training, read_recording(folder)
-    updates, head, what = recording.updates, recording.head, f"{folder / FILE}"
-    require(bool(updates), what, "at least one finished iteration", "none")
-    policy, ends = recording.policies[updates[-1].policy_version], [update.episodes for update in updates]
-    memory = memory_of(ends, training, policy, head.spaces, recording.by_numbers(), what)
-    state = State(len(updates), policy, memory, ends[-1], updates[-1].evaluation_episodes, updates[-1].steps)
-    return LearntModel.of(training, state, head.spaces)
+    what = f"{folder / FILE}"
+    require(bool(recording.updates), what, "at least one finished iteration", "none")
+    spaces = recording.head.spaces
+    state = state_of(recording, training, spaces, what)
+    return LearntModel.of(training, state, spaces)

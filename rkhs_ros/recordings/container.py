@@ -98,6 +98,7 @@ class MessageFile:
             if not self._outgoing.content:  # otherwise the disk was full
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._send()
+                os.fsync(self._file.fileno())
 
     def _send(self) -> None:
         """Write all pending bytes to the file, or none."""

@@ -1,1 +1,1 @@
-"""A run and its folder: configuration, simulation in process, recording, checkpoints, curve and report."""
+"""A run and its folder: configuration, simulation in process, recording, curve and report."""

@@ -149,11 +149,6 @@ def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
     return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
 
 
-def robot_nodes(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the parameters of a robot's nodes by name from the tree of a ROS parameter file."""
-    return {name: document[f"/**/{name}"][PARAMETERS] for name in ROBOT_NODES if f"/**/{name}" in document}
-
-
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     """Read a configuration file.
 
@@ -172,7 +167,21 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         raise ValueError(f"{path}: expected a configuration file, got a folder{remedy}")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
-    sections = _sections(path)
+    return _config_in(_sections(path), path, changes)
+
+
+def config_of(configuration: str, changes: Iterable[str] = ()) -> Config:
+    """Return the configuration in the header of a recording, with some settings replaced.
+
+    Raises:
+        ValueError: a setting is unknown or invalid.
+    """
+    document = loaded(configuration)
+    sections = {name.rpartition("/")[2]: section[PARAMETERS] for name, section in document.items()}
+    return _config_in(sections, Path("recording"), changes)
+
+
+def _config_in(sections: Mapping[str, dict[str, Any]], path: Path, changes: Iterable[str]) -> Config:
     robot = {name: sections[name] for name in ROBOT_NODES if name in sections}
     if robot:
         require("simulator" not in sections, f"{path}", "either a simulator or a robot", "both")

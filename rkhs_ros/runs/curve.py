@@ -44,7 +44,7 @@ HEADER = ",".join(Row._fields)
 
 
 class Curve:
-    """Learning curve of a run in a file, derived from the rows in the checkpoints.
+    """Learning curve of a run in a file, derived from the recording.
 
     Args:
         path: the file, which may not exist yet.

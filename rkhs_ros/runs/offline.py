@@ -6,18 +6,16 @@ from math import ceil
 from typing import Any
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.training_in_model import train_in_model
 from rkhs_ros.learning.state import Known, State, first_state
 from rkhs_ros.learning.training import with_action_repeat
-from rkhs_ros.learning.training_settings import ModelBased, Training, training_from
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.recording import Head, Recording
-from rkhs_ros.runs.config import tree_of
-from rkhs_ros.runs.recorded import training_of
+from rkhs_ros.runs.config import config_of
 
 MODEL = "model={form: gaussian_process}"
 HELD_OUT = 0.2  # share of the episodes that tests a model of the others
@@ -94,8 +92,8 @@ def offline_settings(head: Head, changes: Iterable[str]) -> Training:
     Raises:
         ValueError: a setting is unknown or invalid.
     """
-    tree = loaded(head.configuration)[LEARNER][PARAMETERS]
-    return training_from(tree_of(offline_changes(training_of(head), changes), tree))
+    training = config_of(head.configuration).training
+    return config_of(head.configuration, offline_changes(training, changes)).training
 
 
 def offline_changes(training: Training, changes: Iterable[str]) -> list[str]:

@@ -1,30 +1,33 @@
 """Recording of a run, which can resume from its recording."""
 
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import contextmanager, suppress
 from itertools import groupby
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
+from rkhs_ros.base.files import sync_to_disk
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, loaded
 from rkhs_ros.learning.episodes import Episodes, Record
-from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.replay import check_actions
-from rkhs_ros.learning.state import State, remembered
-from rkhs_ros.learning.training import Runner
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.state import State, first_state, remembered
+from rkhs_ros.learning.training import EARLIER, Runner
+from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder, read_held
-from rkhs_ros.recordings.recording import FILE, Head, RecordedBatch
-from rkhs_ros.runs.checkpoint import FREE, Checkpoint
-from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import provenance_lines, resolved
+from rkhs_ros.recordings.recording import FILE, Head, RecordedBatch, Recording
+from rkhs_ros.runs.config import Config, config_of
+from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.report import initial_policy, provenance_lines, resolved
+
+FREE = ("iterations", "timeout")  # settings that do not affect the result of an iteration
+SYNC_PERIOD_S = 1.0  # waiting for the disk takes longer than many iterations
 
 
 class RecordableRunner(Runner, Protocol):
@@ -39,21 +42,18 @@ class RecordingRunner:
     Args:
         runner: the other runner.
         recorder: recorder of the run.
+        file: file of the recording.
         held: recorded episodes that no update has used yet, by number.
-        state: state of the run, from which it resumes; None for a new run.
     """
 
     def __init__(
-        self,
-        runner: RecordableRunner,
-        recorder: Recorder,
-        held: Mapping[Batch, RecordedBatch],
-        state: State | None = None,
+        self, runner: RecordableRunner, recorder: Recorder, file: Path, held: Mapping[Batch, RecordedBatch]
     ) -> None:
-        self.state = state
         self._runner = runner
         self._held = held
         self._recorder = recorder
+        self._file = file
+        self._due = 0.0  # next sync to the disk, monotonic time in seconds
 
     @property
     def spaces(self) -> Spaces:
@@ -80,8 +80,11 @@ class RecordingRunner:
         return Episodes.concatenate(parts)
 
     def updated(self, iteration: Iteration) -> None:
-        """Record the result of an iteration."""
+        """Record the result of an iteration; the recording is on the disk at most a second later."""
         self._recorder.updated(iteration)
+        if time.monotonic() >= self._due:
+            sync_to_disk(self._file)
+            self._due = time.monotonic() + SYNC_PERIOD_S
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         episodes = Episodes.concatenate(self._held[each].episodes for each in batch.parts(1))
@@ -89,85 +92,97 @@ class RecordingRunner:
         return episodes
 
 
+class Progress(NamedTuple):
+    """What a run has reached when it begins or resumes.
+
+    Attributes:
+        runner: runner that records the further episodes.
+        state: state of the run.
+        rows: rows of its learning curve.
+        policies: policies after its iterations.
+    """
+
+    runner: RecordingRunner
+    state: State
+    rows: Sequence[Row]
+    policies: Sequence[GaussianPolicy]
+
+
 @contextmanager
-def recorded(
-    config: Config,
-    runner: RecordableRunner,
-    folder: Path,
-    found: Checkpoint | None,
-    *,
-    sync: bool,
-) -> Iterator[RecordingRunner]:
+def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bool) -> Iterator[Progress]:
     """Record a run in its folder, or continue its recording; print a warning if it was recorded with other versions.
 
     Args:
         config: configuration of the run.
         runner: runner of the episodes.
         folder: folder of the run.
-        found: checkpoint from which the run begins or resumes, if any.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
 
     Raises:
-        ValueError: the recording belongs to another run, or lacks finished iterations or their episodes.
+        ValueError: the recording belongs to another run, or lacks episodes, or the environment has changed.
         OSError: the recording cannot be read or written.
     """
-    warm_start = found is not None and found.given is not None
-    file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=warm_start)
-    done, is_robot = found.state.iterations if found else 0, bool(config.environment.nodes)
-    held, messages = read_held(file, done, keeps_later=is_robot)
+    given, training, is_robot = initial_policy(folder), config.training, bool(config.environment.nodes)
+    file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=given is not None)
+    held, messages = read_held(file, training.iterations, keeps_later=is_robot)
     is_new = not held.heads or held.heads[-1].versions != head.versions
+    results = [name for name in ("curve.csv", "policy.npz") if (folder / name).exists()]
+    remedy = "Restore the file, or train in another folder"
+    require(bool(held.heads) or not results, f"{file}", f"the recording of {', '.join(results)}", f"none. {remedy}")
     if held.heads:
-        _check_same_run(file, held.head, head)
+        _check_same_run(folder, held.head, head)
+    if held.updates:
+        state = state_of(held, training, runner.spaces, f"{file}")
+        _check_spaces(folder, state.policy, runner.spaces)
+    else:
+        state = first_state(training, runner.spaces, given)
     if held.heads and is_new:
         print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)
-    episodes = held.by_numbers()
-    state = None
-    if found and done:
-        ends, policy = [row.episodes for row in found.rows], found.state.policy
-        memory = memory_of(ends, config.training, policy, runner.spaces, episodes, f"{file}")
-        state = replace(found.state, memory=memory)
-    counts = (state.evaluated, state.explored) if state else (0, 0)
-    later = {each: episode for each, episode in episodes.items() if each.first_episode >= counts[each.explore]}
+    counts = (state.evaluated, state.explored)
+    later = {each: found for each, found in held.by_numbers().items() if each.first_episode >= counts[each.explore]}
     recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
     runner.record = recorder.ended
     try:
         if is_new:
             recorder.begin(head)
-        yield RecordingRunner(runner, recorder, later, state)
+        policies = [held.policies[update.policy_version] for update in held.updates]
+        yield Progress(RecordingRunner(runner, recorder, file, later), state, _rows(held, folder), policies)
     finally:
         runner.record = record_before
         recorder.close()
 
 
-def memory_of(
-    ends: Sequence[int],
-    training: Training,
-    policy: GaussianPolicy,
-    spaces: Spaces,
-    episodes: Mapping[Batch, RecordedBatch],
-    what: str,
-) -> Episodes:
-    """Return the episodes that a run remembers after its finished iterations.
+def state_of(recording: Recording, training: Training, spaces: Spaces, what: str) -> State:
+    """Return the state of a run after the updates of its recording.
 
     Args:
-        ends: number of exploration episodes after each finished iteration, at least one.
+        recording: the recording, with at least one update.
         training: settings of the run.
-        policy: policy after the last iteration.
         spaces: spaces of the task.
-        episodes: the recorded episodes by number.
         what: name of the recording, used in error messages.
 
     Raises:
-        ValueError: an episode is not recorded.
+        ValueError: an episode is not recorded, or the recording is that of an offline run.
     """
-    memory = Episodes.none(1, 1, 1)
-    for begin in [0, *ends[:-1]]:
+    check_trained(recording, what)
+    *_, last = updates = recording.updates
+    versions = [1, *(update.policy_version for update in updates)]  # version 1 acted first
+    policy, *earlier = (recording.policies[version] for version in reversed(versions))
+    episodes, memory = recording.by_numbers(), Episodes.none(1, 1, 1)
+    for begin in [0, *(update.episodes for update in updates[:-1])]:
         batch = Batch(training.seed, begin, training.episodes_per_iteration, training.horizon, explore=True)
         missing = [each.first_episode for each in batch.parts(1) if each not in episodes]
         require(not missing, what, "the exploration episodes of the finished iterations", f"none of number {missing}")
         exploration = Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
         memory = remembered(memory, exploration, training, policy, spaces)
-    return memory
+    known = tuple(earlier[:EARLIER]) if isinstance(training.model, ModelBased) else ()
+    return State(last.iteration, policy, memory, last.episodes, last.evaluation_episodes, last.steps, known)
+
+
+def check_trained(recording: Recording, what: str) -> None:
+    """Raise ValueError for the recording of an offline run, whose episodes have no policy."""
+    is_trained = all(batch.version for batch in recording.batches)
+    require(is_trained, what, "the recording of a run with new episodes", "that of an offline run")
 
 
 def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
@@ -175,13 +190,14 @@ def head_of_run(config: Config, spaces: Spaces, *, warm_start: bool) -> Head:
     return Head(config.task, spaces, config.training.seed, resolved(config), provenance_lines(), warm_start)
 
 
-def training_of(head: Head) -> Training:
-    """Return the settings of the learner from the header of a recording.
-
-    Raises:
-        ValueError: the settings are invalid.
-    """
-    return training_from(loaded(head.configuration)[LEARNER][PARAMETERS])
+def _rows(held: Recording, folder: Path) -> list[Row]:
+    """Return the rows of the updates, with the seconds of the curve; a lost line has those of the last known one."""
+    seconds: dict[int, float] = {}
+    with suppress(ValueError):  # from a damaged curve, which the run writes again
+        seconds = {row.iteration: row.seconds for row in Curve(folder / "curve.csv").rows()}
+    last = max(seconds.values(), default=0.0)
+    known = [{name: getattr(each, name) for name in Row._fields if name != "seconds"} for each in held.updates]
+    return [Row(**each, seconds=seconds.get(each["iteration"], last)) for each in known]
 
 
 def _changes(before: Sequence[str], now: Sequence[str]) -> str:
@@ -190,10 +206,20 @@ def _changes(before: Sequence[str], now: Sequence[str]) -> str:
     return f"begun with {began}, resumed with {resumes}; the results may differ from those of an uninterrupted run"
 
 
-def _check_same_run(file: Path, began: Head, resumed: Head) -> None:
-    """Raise ValueError if a recording belongs to another run than the one that resumes."""
-    trainings = [training_of(head) for head in (began, resumed)]
-    free = {name: getattr(trainings[1], name) for name in FREE}
-    settings = [replace(training, **free) for training in trainings]
-    same = settings[0] == settings[1] and began.task == resumed.task
-    require(same, f"{file}", "the recording of this run, with equal settings", "that of another run")
+def _check_same_run(folder: Path, began: Head, resumed: Head) -> None:
+    """Raise ValueError if a run resumes with another setting that affects its results."""
+    old, new = (config_of(head.configuration).settings for head in (began, resumed))
+    for name in [*new, *old]:
+        expected, got = (each.get(name, "no such setting") for each in (old, new))
+        what = f"{folder}: {name}"
+        require(
+            name in FREE or expected == got, what, f"{expected} as at the start of the run", f"{got}. Start another run"
+        )
+
+
+def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:
+    """Raise ValueError if the environment has other dimensions than at the start, such as an edited class."""
+    n = spaces.action_dim
+    sizes = (policy.mean.input_dim, policy.mean.output_dim), (policy.inputs.dimension(spaces.observation_dim, n), n)
+    expected, got = (f"{d} inputs and {n} actions" for d, n in sizes)
+    require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)

@@ -19,7 +19,8 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.recordings.recorder import update_fields
 from rkhs_ros.recordings.recording import Recording
-from rkhs_ros.runs.recorded import training_of
+from rkhs_ros.runs.config import config_of
+from rkhs_ros.runs.recorded import check_trained
 
 
 class DifferenceError(ValueError):
@@ -84,10 +85,11 @@ def replay(recording: Recording) -> Iterator[Iteration]:
     """
     head = recording.head
     require(bool(recording.updates), "recording", "the recording of a run with updates", "no updates")
+    check_trained(recording, "recording")
     given = recording.policies.get(1) if head.warm_start else None
     require(given is not None or not head.warm_start, "recording", "the initial policy", "none")
     runner = RecordedRunner(recording, head.spaces)
-    training = replace(training_of(head), iterations=len(recording.updates))
+    training = replace(config_of(head.configuration).training, iterations=len(recording.updates))
     for iteration in train(training, runner, first_state(training, head.spaces, given)):
         update = recording.updates[iteration.number - 1]
         where = f"update {iteration.number}"

@@ -3,7 +3,7 @@
 import platform
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from importlib.metadata import version
 from itertools import pairwise
@@ -27,11 +27,12 @@ LIBRARIES = {name: version(name) for name in ("numpy", "scipy")}
 CONFIGURATION = "config.yaml"
 ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
+INITIAL_POLICY = "initial_policy.npz"
 FINAL_EVALUATION = "final_evaluation.txt"
 KEPT_LAST = "kept the last policy"  # in this file
 # Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
-    *("checkpoint.npz", "checkpoint.npz.part", "config.yaml.part"),
+    *("initial_policy.npz", "initial_policy.npz.part", "config.yaml.part"),
     *("domain", "episodes", "lock", "parameters.yaml", "parameters.yaml.part"),
 }
 
@@ -91,7 +92,7 @@ def last_policy(folder: Path) -> Path:
 class Report:
     """Results of a run, written while it runs.
 
-    Owns the files of the folder except checkpoint and recording. config.yaml is written at the start; curve.csv and
+    Owns the files of the folder except the recording. config.yaml is written at the start; curve.csv and
     advice.txt grow with the run. best_policy.npz holds the
     policy with the greatest evaluation return minus its standard error, which `decide` may replace by the last policy.
     `finish` writes policy.npz.
@@ -101,7 +102,7 @@ class Report:
         config: configuration of the run.
         spaces: spaces of its task.
         rows: rows of the finished iterations.
-        best_policy: best policy of these iterations.
+        policies: policies after these iterations.
 
     Attributes:
         rows: the rows of the learning curve so far.
@@ -117,8 +118,8 @@ class Report:
         folder: Path,
         config: Config,
         spaces: Spaces,
-        rows: Iterable[Row] = (),
-        best_policy: GaussianPolicy | None = None,
+        rows: Sequence[Row] = (),
+        policies: Sequence[GaussianPolicy] = (),
     ) -> None:
         self.folder = folder
         self._config = config
@@ -127,13 +128,15 @@ class Report:
         self._spaces = spaces
         self.final: FinalEvaluation | None = None
         self.rows = list(rows)
-        self._best, self.best_policy = max(evaluation_bounds(self.rows), default=-inf), best_policy
+        bounds = evaluation_bounds(self.rows)
+        self._best = max(bounds, default=-inf)
+        self.best_policy = policies[bounds.index(self._best)] if self._best > -inf else None
         final, best = folder / FINAL_EVALUATION, folder / BEST_POLICY
         final.unlink(missing_ok=True)  # of a finished run, which continues
-        if best_policy is None:
+        if self.best_policy is None:
             best.unlink(missing_ok=True)
         else:
-            self._save(BEST_POLICY, best_policy)
+            self._save(BEST_POLICY, self.best_policy)
         self._began = time.monotonic() - (self.rows[-1].seconds if self.rows else 0.0)
         begin(folder, config)
         self._curve.begin(self.rows)
@@ -200,6 +203,28 @@ def begin(folder: Path, config: Config) -> None:
         OSError: the file cannot be written.
     """
     write_whole(folder / CONFIGURATION, resolved(config).encode())
+
+
+def start_from(folder: Path, config: Config, policy: GaussianPolicy | None) -> None:
+    """Prepare the folder of a run that has not started: with an initial policy, or None for the default.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    file = folder / INITIAL_POLICY
+    file.unlink(missing_ok=True)  # left by a run that was killed before it started
+    if policy is not None:
+        save_policy(file, policy, config.task)
+
+
+def initial_policy(folder: Path) -> GaussianPolicy | None:
+    """Return the policy that a run was given to begin with, if any.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    file = folder / INITIAL_POLICY
+    return load_policy(file)[0] if file.exists() else None
 
 
 def provenance() -> dict[str, str]:

@@ -11,12 +11,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
 from rkhs_ros.learning.episodes import discard
 from rkhs_ros.learning.iteration import Iteration, Row
-from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
-from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rollouts.evaluation import final_evaluation
-from rkhs_ros.runs.checkpoint import FILE, REMEDY, Checkpoint, Checkpoints, read_checkpoint, write_checkpoint
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import has_events, logged
 from rkhs_ros.runs.progress import progress_bar
@@ -92,40 +88,24 @@ def training_steps(
     tensorboard = has_events(folder, tensorboard)
     with locked(folder):
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
-        found = read_checkpoint(folder, config)  # a new run has one if its initial policy was given
-        if found is None:
-            results = [name for name in ("curve.csv", "policy.npz") if (folder / name).exists()]
-            require(not results, f"{folder / FILE}", f"the checkpoint of {', '.join(results)}", f"none. {REMEDY}")
-        elif found.rows:
-            _check_spaces(folder, found.state.policy, runner.spaces)
         if not is_started(folder):
             begin(folder, config)
-        checkpoints = Checkpoints(folder, config)
-        rows, best, given = found[1:] if found else ((), None, None)
-        events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
-        with recorded(config, runner, folder, found, sync=sync) as recorder, events as log_row:
-            first = recorder.state
-            if first is None:
-                first = first_state(config.training, runner.spaces, given)
-                if found is None:
-                    write_checkpoint(folder, config, Checkpoint(first))
-            report = Report(folder, config, runner.spaces, rows, best)  # replaces earlier results from here on
+        with recorded(config, runner, folder, sync=sync) as (recorder, state, rows, policies):
+            events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
+            report = Report(folder, config, runner.spaces, rows, policies)  # replaces earlier results from here on
             is_robot = bool(config.environment.nodes)
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
-            with finished(report, checkpoints), bar as show:
+            with finished(report), events as log_row, bar as show:
                 earlier = [
                     Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)
                     for row in report.rows
                 ]
                 diagnosis = Diagnosis(runner.spaces, earlier, advice_in(folder))
-                for iteration in train(config.training, recorder, first):
+                for iteration in train(config.training, recorder, state):
                     recorder.updated(iteration)
                     report.add(iteration)
                     log_row(report.rows[-1])
-                    if iteration.number < config.training.iterations:  # a resume repeats the last one, for its result
-                        made = Checkpoint(iteration.state, tuple(report.rows), report.best_policy, given)
-                        checkpoints.add(made)
-                    elif report.best_policy and not is_robot:
+                    if iteration.number == config.training.iterations and report.best_policy and not is_robot:
                         with _unrecorded(runner):
                             best = report.best_policy
                             report.decide(final_evaluation(config.training, runner, best, iteration.policy))
@@ -148,26 +128,15 @@ def _unrecorded(runner: RecordableRunner) -> Iterator[None]:
         runner.record = record
 
 
-def _check_spaces(folder: Path, policy: GaussianPolicy, spaces: Spaces) -> None:
-    """Raise ValueError if the environment has other dimensions than at the start, such as an edited class."""
-    n = spaces.action_dim
-    sizes = (policy.mean.input_dim, policy.mean.output_dim), (policy.inputs.dimension(spaces.observation_dim, n), n)
-    expected, got = (f"{d} inputs and {n} actions" for d, n in sizes)
-    require(expected == got, f"{folder}: environment", f"{expected} as at the start of the run", got)
-
-
 @contextmanager
-def finished(report: Report, checkpoints: Checkpoints | None = None) -> Iterator[None]:
-    """Write the results and, if there is one, the checkpoint at the end, even after an interruption."""
-    ends = [*([checkpoints.close] if checkpoints else []), report.finish]
+def finished(report: Report) -> Iterator[None]:
+    """Write the results at the end, even after an interruption."""
     try:
         yield
     except BaseException as error:
-        for end in ends:
-            with suppress(Exception):  # report the first error only
-                end()
+        with suppress(Exception):  # report the first error only
+            report.finish()
         if isinstance(error, FileNotFoundError) and not report.folder.is_dir():
             raise RunError(f"{report.folder}: the folder was removed during the run") from error
         raise
-    for end in ends:
-        end()
+    report.finish()

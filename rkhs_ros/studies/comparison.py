@@ -15,9 +15,9 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.runs.checkpoint import initial_policy
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.report import INITIAL_POLICY
 from rkhs_ros.studies.aggregates import Aggregates, Estimate, aggregates, mean_over_runs
 
 NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs
@@ -161,7 +161,8 @@ def _grouped(runs: list[Run]) -> list[list[Run]]:
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
-        key = repr((sorted(settings.items()), initial_policy(run.folder)))
+        given = run.folder / INITIAL_POLICY
+        key = repr((sorted(settings.items()), given.is_file() and given.read_bytes()))
         group, seed = groups.setdefault(key, {}), run.config.training.seed
         expected = "settings or a seed that no other run has"
         require(seed not in group, f"{run.folder}", expected, f"those of {_folder(group, seed)}")

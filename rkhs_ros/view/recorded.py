@@ -1,13 +1,12 @@
 """Read a run from its recording, which may still grow: the policy and the episodes of every iteration."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rkhs_ros.base.files import is_locked
 from rkhs_ros.base.validation import require
-from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
@@ -16,8 +15,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.recordings.container import MessageReader
 from rkhs_ros.recordings.definitions import PACKAGE
 from rkhs_ros.recordings.recording import Head, Recording, faults_named, own_messages, recording_file
-from rkhs_ros.runs.config import load_config, robot_nodes
-from rkhs_ros.runs.recorded import training_of
+from rkhs_ros.runs.config import config_of, load_config
 from rkhs_ros.runs.report import is_started
 
 MODEL_ROLLOUTS = 3  # per iteration
@@ -116,12 +114,12 @@ class Recorded:
         return IterationView(policy, explored, evaluated, roll_out_model)
 
     def _begin(self, head: Head, time: int) -> None:
-        training = training_of(head)
+        config = config_of(head.configuration)
+        training, self.nodes = config.training, config.environment.nodes
         if self.path.is_dir():
             training = load_config(self.path / "config.yaml").training  # a resumed run may have more iterations
         self._began_ns, self._model_settings = time, training.model
         self.name, self.task, self.spaces, self.total = training.name, head.task, head.spaces, training.iterations
-        self.nodes: Mapping[str, Mapping[str, Any]] = robot_nodes(loaded(head.configuration))
 
 
 def state_of(run: Recorded) -> str:

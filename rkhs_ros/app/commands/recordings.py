@@ -22,12 +22,12 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import FILE, Recording, read_recording
-from rkhs_ros.runs.config import Config, Environment, load_config, tree_of
+from rkhs_ros.runs.config import Config, Environment, config_of, load_config, tree_of
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
 from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes, offline_settings
 from rkhs_ros.runs.progress import progress_bar
-from rkhs_ros.runs.recorded import head_of_run, training_of
+from rkhs_ros.runs.recorded import head_of_run
 from rkhs_ros.runs.replay import DifferenceError, replay
 from rkhs_ros.runs.report import BEST_POLICY, Report, is_started, new_folder, provenance_lines
 from rkhs_ros.runs.run import finished
@@ -177,7 +177,9 @@ def _replay(options: argparse.Namespace) -> int:
     total = len(recording.updates)
     done, curve = 0, options.recording / "curve.csv"
     try:
-        with progress_bar(replace(training_of(recording.head), iterations=max(total, 1)), quiet=options.quiet) as show:
+        with progress_bar(
+            replace(config_of(recording.head.configuration).training, iterations=max(total, 1)), quiet=options.quiet
+        ) as show:
             for iteration in replay(recording):
                 done = iteration.number
                 show(iteration)

@@ -20,7 +20,6 @@ from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve, has_events
 from rkhs_ros.runs.report import (
@@ -30,6 +29,7 @@ from rkhs_ros.runs.report import (
     new_folder,
     old_folder,
     resume_hint,
+    start_from,
     summary,
 )
 from rkhs_ros.runs.run import run_training
@@ -121,7 +121,7 @@ def _checked(options: argparse.Namespace, config: Config) -> tuple[InlineRunner 
     runner = None if config.environment.nodes else runner_of(config.environment)
     policy = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces if runner else check_robot(config), policy)
-    if runner and not options.quiet:
+    if runner and not options.quiet and not options.resume:  # a resumed run has printed it
         warn_of_horizon(runner.simulation, config.training.horizon, given=config.sets_horizon)
     return runner, policy
 

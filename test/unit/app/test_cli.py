@@ -45,7 +45,7 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
     result = rkhs("train", CONFIG, *SHORT, "--quiet", "--out", tmp_path / "run", "--seed", 3, "--set", "horizon=5")
     assert (result.code, result.err) == (0, "")
     names = {"best_policy.npz", "config.yaml", "curve.csv", "curve.png", "policy.npz", "policy.png"}
-    names |= {"checkpoint.npz", "final_evaluation.txt", "lock", "recording.mcap"}
+    names |= {"final_evaluation.txt", "lock", "recording.mcap"}
     assert {path.name for path in (tmp_path / "run").iterdir()} == names
     assert result.out.startswith("Trained on rkhs/Toy-v0 for 20 episodes")
     assert str(tmp_path / "run" / "curve.png") in result.out

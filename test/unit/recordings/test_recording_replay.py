@@ -10,9 +10,9 @@ import pytest
 from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
 from rkhs_ros.recordings.definitions import decoded, encoded
 from rkhs_ros.recordings.recording import read_recording
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.replay import DifferenceError, replay
+from rkhs_ros.runs.report import start_from
 from test.unit.conftest import Result, assert_refused
 from test.unit.recordings.recorded_runs import CONFIG, TRAINING, Robot, longer, recorded_run
 

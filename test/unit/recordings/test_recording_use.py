@@ -90,7 +90,7 @@ def test_an_offline_run_is_viewed_and_imitated(whole: Path, rkhs: Callable[..., 
     assert len(last.roll_out_model()) > 0
     assert rkhs("export", "learnt", "page.html").code == 0
     assert "Fitted 5 centres to 20 episodes" in rkhs("imitate", "learnt", "--set", "centres=5").out
-    assert_refused(rkhs("replay", "learnt", "--quiet"), "in the recording, got none")
+    assert_refused(rkhs("replay", "learnt", "--quiet"), "got that of an offline run")
 
 
 def test_offline_training_is_a_function_of_the_recordings(whole: Path, rkhs: Callable[..., Result]) -> None:

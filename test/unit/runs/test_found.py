@@ -13,10 +13,10 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.progress import progress_bar
+from rkhs_ros.runs.report import start_from
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
 

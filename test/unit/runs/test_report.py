@@ -54,7 +54,7 @@ def test_a_run_writes_its_curve_and_policy(
 ) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
-        *("best_policy.npz", "checkpoint.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "lock"),
+        *("best_policy.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "lock"),
         *("policy.npz", "recording.mcap"),
     ]
     assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rkhs_ros.base.files import locked
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -54,7 +55,7 @@ def resumed(folder: Path, config: Config = CONFIG) -> Path:
 
 def results(folder: Path) -> dict[str, object]:
     """Return the bytes of a run's results, without the measured seconds."""
-    assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "checkpoint.npz", "lock", "recording.mcap"}
+    assert {path.name for path in folder.iterdir()} - DRAWN == {*RESULTS, "lock", "recording.mcap"}
     found: dict[str, object] = {name: (folder / name).read_bytes() for name in RESULTS}
     lines = (folder / "curve.csv").read_text().splitlines()
     found["curve.csv"] = [line.rpartition(",")[0] for line in lines]
@@ -99,35 +100,35 @@ def test_an_extended_run_equals_a_run_with_more_iterations(tmp_path: Path) -> No
     assert load_config(folder / "config.yaml") == more
 
 
-@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "missing"])
-def test_a_run_without_an_intact_checkpoint_is_rejected_and_unchanged(
-    rkhs: Cli, tmp_path: Path, is_damaged: bool
-) -> None:
+def test_a_run_without_its_recording_is_rejected_and_unchanged(rkhs: Cli, tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 6)
-    path = folder / "checkpoint.npz"
-    content = path.read_bytes()
-    path.unlink()
-    if is_damaged:
-        path.write_bytes(content[:-1])
+    (folder / "recording.mcap").unlink()
     before = contents(folder)
-    expected = "an intact checkpoint, got a damaged one" if is_damaged else "the checkpoint of curve.csv, policy.npz"
-    assert_refused(rkhs("train", "--resume", "run", *INLINE), f"run/checkpoint.npz: expected {expected}")
+    expected = "expected the recording of curve.csv, policy.npz, got none"
+    assert_refused(rkhs("train", "--resume", "run", *INLINE), f"run/recording.mcap: {expected}")
     assert contents(folder) == before
 
 
-def test_a_resume_from_an_earlier_checkpoint_gives_the_same_results(tmp_path: Path, whole: dict[str, object]) -> None:
-    folder = stopped(tmp_path / "run", 2)
-    earlier = (folder / "checkpoint.npz").read_bytes()
-    run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)
-    (folder / "checkpoint.npz").write_bytes(earlier)  # like a run that was killed within a second
-    assert results(resumed(folder)) == whole
+def test_a_run_resumes_from_the_intact_part_of_its_recording(
+    tmp_path: Path, whole: dict[str, object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = stopped(tmp_path / "run", 6) / "recording.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert results(resumed(file.parent)) == whole
+    assert "recording.mcap: " in capsys.readouterr().err
 
 
 def test_a_rejected_resume_changes_nothing(tmp_path: Path) -> None:
     folder = stopped(tmp_path / "run", 5)
     before = contents(folder)
-    with pytest.raises(ValueError, match="seed: expected 0 as at the start of the run, got 1"):
-        resumed(folder, longer(6, seed=1))
+    for config, message in (
+        (longer(6, seed=1), "seed: expected 0 as at the start of the run, got 1"),
+        (longer(6, algorithm=ALGORITHMS["power"]()), "algorithm.name: expected rkhs_nac as .* got power"),
+        (replace(CONFIG, environment=Environment("rkhs/Toy-v0", {"start": 1})), "start: expected no such setting as"),
+        (longer(1), "iterations: expected at least 2, the finished ones, got 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            resumed(folder, config)
     assert contents(folder) == before
     for no_run in (None, tmp_path / "none", tmp_path):
         with pytest.raises(ValueError, match=r"expected the folder of a run, got (none|no such folder)"):
@@ -144,7 +145,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize("content", [None, b"iteration,episodes\r\n1,99\r\n"])
-def test_the_curve_is_derived_from_the_checkpoint(
+def test_the_curve_is_derived_from_the_recording(
     tmp_path: Path, whole: dict[str, object], content: bytes | None
 ) -> None:
     folder = stopped(tmp_path / "run", 6)

@@ -10,10 +10,9 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.runs.checkpoint import start_from
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.report import resolved
+from rkhs_ros.runs.report import resolved, start_from
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
 from rkhs_ros.studies.comparison import compare
 from test.unit.conftest import Result, model_free

@@ -122,7 +122,7 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
 def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", *map(str, arguments), "--jobs", "2"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    while not list(folder.glob("seed_*/checkpoint.npz")):
+    while not list(folder.glob("seed_*/recording.mcap")):
         assert process.poll() is None
         time.sleep(0.02)
     return process

@@ -105,7 +105,7 @@ def test_a_sweep_continues_and_a_larger_one_runs_only_new_points(rkhs: Run, swep
 @pytest.mark.slow
 def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept: Path) -> None:
     bad = min((swept / "runs").iterdir())
-    (bad / "checkpoint.npz").write_bytes(b"damaged")
+    (bad / "recording.mcap").write_bytes(b"damaged")
     (bad / "policy.npz").unlink()
     code, _, err = rkhs("sweep", CONFIG, *GRID, *TINY, "--out", "grid")
     assert code == 1

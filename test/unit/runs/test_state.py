@@ -1,0 +1,82 @@
+"""The state of a run, as its recording contains it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import training_from
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.recordings.recorder import read_held
+from rkhs_ros.recordings.recording import FILE
+from rkhs_ros.rollouts.inline_runner import InlineRunner
+from rkhs_ros.rollouts.simulation import Simulation
+from rkhs_ros.runs.config import Config, Environment
+from rkhs_ros.runs.recorded import state_of
+from rkhs_ros.runs.run import run_training
+
+TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
+WAYS: list[Any] = [
+    *ALGORITHMS,
+    {"name": "rkhs_nac", "step": {"rule": "line_search", "choices": 3}},
+    {"name": "rkhs_nac", "exploration_decay": 0.9, "critic": "trajectory"},
+    {"name": "rkhs_nac", "variance": "learnt", "reuse": 4},
+    {"name": "rkhs_power", "reuse": 3},
+    {"name": "rkhs_power", "variance": "as_published"},
+    {"name": "power", "reuse": 3, "variance": "constant", "exploration_decay": 0.9},
+    {"model": "gaussian_process"},
+]
+COUNTS = ("iterations", "explored", "evaluated", "steps")
+
+ArraysOf = Callable[[Any], dict[str, np.ndarray]]
+
+
+def config_of(way: Any) -> Config:
+    way = {"name": way} if isinstance(way, str) else dict(way)
+    form = way.pop("model", "none")
+    on_grid = issubclass(ALGORITHMS[way.get("name", "rkhs_nac")], GridSettings)
+    size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
+    tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
+    model = {"form": form} | ({"updates": 2, "rollouts": 5, "centres": 20} if form != "none" else {})
+    parts = {"kernel": {"bandwidth": 4.0} if on_grid else {}, "algorithm": size | way, "model": model}
+    inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,), degree=2)
+    return Config(Environment("rkhs/Toy-v0", {}), replace(training_from(tree | parts), inputs=inputs))
+
+
+def assert_same_bits(one: Any, other: Any, arrays_of: ArraysOf) -> None:
+    a, b = arrays_of(one), arrays_of(other)
+    assert a.keys() == b.keys()
+    for name in a:
+        assert (a[name].dtype, a[name].shape, a[name].tobytes()) == (b[name].dtype, b[name].shape, b[name].tobytes())
+
+
+@pytest.mark.parametrize("way", WAYS, ids=str)
+def test_every_algorithm_resumes_bit_identically_from_each_iteration(
+    tmp_path: Path, way: Any, arrays_of: ArraysOf
+) -> None:
+    config = config_of(way)
+    run_training(config, TOY, tmp_path / "run", quiet=True)
+    whole = list(train(config.training, TOY))
+    for k, iteration in enumerate(whole[:-1], 1):
+        held, _ = read_held(tmp_path / "run" / FILE, config.training.iterations, keeps_later=False)
+        held.updates = held.updates[:k]
+        state = state_of(held, config.training, TOY.spaces, "recording")
+        assert_same_bits(state, iteration.state, arrays_of)
+        assert all(getattr(state, name) == getattr(iteration.state, name) for name in COUNTS)
+        assert state.policy.mean.kernel == iteration.state.policy.mean.kernel
+        assert state.policy.inputs == iteration.state.policy.inputs
+        assert state.policy.noise == iteration.state.policy.noise
+        for one, other in zip(whole[k:], train(config.training, TOY, state), strict=True):
+            assert_same_bits(one, other, arrays_of)
+            assert one.metrics == other.metrics
+
+
+def test_the_state_contains_the_memory() -> None:
+    *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
+    assert len(last.state.memory) == 3  # otherwise the test above would be vacuous
