@@ -157,16 +157,6 @@ class CartPole(DrawnTask):
         x, v, cosine, sine, w = observations.T
         return np.stack([x, v, np.arctan2(sine, cosine), w], axis=1)
 
-    def balanced(self, observations: Array) -> bool:
-        """Return whether the cart stays within 0.1 m, and the pole within 0.25 rad of upright, in the last second.
-
-        Args:
-            observations: of an episode, shape (steps, d).
-        """
-        count = round(self.rate)
-        states = self.states_of(observations[-count:])
-        return len(states) == count and bool(np.all((np.abs(states[:, 0]) < 0.1) & (from_upright(states) < 0.25)))
-
     def bodies(self) -> list[Body]:
         """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""
         length = 2 * (self.rail or DRAWN_HALF)

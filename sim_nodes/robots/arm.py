@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.policies.streams import stream
-from sim_nodes.robots.drives import DriveLimits, Drives, JointCommand
+from sim_nodes.robots.drives import DriveLimits, Drives
 from sim_nodes.robots.robot import JointReadings, Robot, RobotSettings
 
 if TYPE_CHECKING:
@@ -107,10 +107,6 @@ class ArmRobot(Robot):
         self._episode, self._began = 0, 0.0
         self._phase = first_phase(settings.seed, self._episode)
         self._noise = stream(settings.seed, "arm/sensor", 0)
-
-    def hear(self, command: JointCommand) -> None:
-        """Receive set points."""
-        self.state = self.state.heard(command)
 
     def step(self) -> None:
         """Simulate one step of the physics."""

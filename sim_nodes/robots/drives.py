@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_nodes.robots.robot import COMMAND_TIMEOUT, SECOND_PUBLISHER, TOLERANCE, Protection
+from sim_nodes.robots.robot import SECOND_PUBLISHER, TOLERANCE, Protection
 
 Array = NDArray[np.float64]
 LIMITED = ("position", "step", "velocity", "acceleration")
-KINDS = ("malformed", "non_finite", *LIMITED, SECOND_PUBLISHER, COMMAND_TIMEOUT)
+KINDS = ("malformed", "non_finite", *LIMITED, SECOND_PUBLISHER)
 BANDWIDTH = 15.0  # 1/s, of the critically damped filter between set points and motion
 BRAKE = 20.0  # rad/s² of each joint
 
@@ -44,28 +44,6 @@ class DriveLimits:
 
 
 @dataclass(frozen=True)
-class SetPoints:
-    """Set points over time, linearly interpolated, constant after the last one.
-
-    Attributes:
-        times: s, increasing, shape (k,).
-        positions: rad, shape (k, n).
-    """
-
-    times: Array
-    positions: Array
-
-    def at(self, time: float) -> Array:
-        """Return the positions at a time, shape (n,)."""
-        after = int(np.searchsorted(self.times, time, side="right"))
-        if after in (0, len(self.times)):
-            return np.asarray(self.positions[max(after - 1, 0)])
-        begin, end = self.times[after - 1 : after + 1]
-        part = (time - begin) / (end - begin)
-        return np.asarray((1.0 - part) * self.positions[after - 1] + part * self.positions[after])
-
-
-@dataclass(frozen=True)
 class Drives:
     r"""The state of an arm's drives.
 
@@ -77,7 +55,8 @@ class Drives:
         position: rad, shape (n,).
         velocity: rad/s, shape (n,).
         time: s.
-        set_points: the current ones; None before the first command and while stopped, when the brakes hold.
+        set_points: times in s, shape (k,), and positions in rad, shape (k, n), between which the drives interpolate
+            linearly; None before the first command and while stopped, when the brakes hold.
         protection: state of the protective stop.
     """
 
@@ -86,18 +65,16 @@ class Drives:
     position: Array
     velocity: Array
     time: float = 0.0
-    set_points: SetPoints | None = None
+    set_points: tuple[Array, Array] | None = None
     protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether the drives follow set points; otherwise the brakes are on."""
-        return self.set_points is not None
 
     @cached_property
     def target(self) -> Array:
         """Current set point, rad, shape (n,)."""
-        return self.position if self.set_points is None else self.set_points.at(self.time)
+        if self.set_points is None:
+            return self.position
+        times, positions = self.set_points
+        return np.array([np.interp(self.time, times, column) for column in positions.T])
 
     @property
     def acceleration(self) -> Array:
@@ -114,7 +91,7 @@ class Drives:
         if self.protection.is_stopped:
             return self
         knots = np.concatenate([[self.target], positions])
-        return replace(self, set_points=SetPoints(self.time + np.concatenate([[0.0], times]), knots))
+        return replace(self, set_points=(self.time + np.concatenate([[0.0], times]), knots))
 
     def stepped(self, seconds: float) -> Drives:
         """Return the state after a time, exact for a constant set point."""

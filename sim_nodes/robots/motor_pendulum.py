@@ -17,19 +17,11 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.policies.streams import stream
-from sim_nodes.robots.robot import (
-    COMMAND_TIMEOUT,
-    SECOND_PUBLISHER,
-    JointReadings,
-    Protection,
-    Robot,
-    RobotSettings,
-    exceeds,
-)
+from sim_nodes.robots.robot import SECOND_PUBLISHER, JointReadings, Protection, Robot, RobotSettings, exceeds
 
 Array = NDArray[np.float64]
 JOINT = "motor"
-KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER, COMMAND_TIMEOUT)
+KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER)
 BRAKE = 60.0  # rad/s²: from the greatest velocity to rest in 0.2 s
 # The task adds noise of sd 0.04 rad/s to the velocity in each step of 0.05 s. It also adds noise of sd 0.02 rad to the
 # angle, which a motor cannot: here noise affects the angle through the velocity only.
@@ -143,10 +135,6 @@ class MotorPendulumRobot(Robot):
         super().__init__(settings, MotorPendulum(settings.limits))
         self._kick = settings.process_noise / math.sqrt(settings.rate)
         self._kicks, self._noise = (stream(settings.seed, f"motor_pendulum/{name}", 0) for name in ("kicks", "sensor"))
-
-    def hear(self, command: Sequence[float]) -> None:
-        """Receive a torque in N m."""
-        self.state = self.state.heard(command)
 
     def step(self) -> None:
         """Simulate one step of the physics."""

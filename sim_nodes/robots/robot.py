@@ -17,7 +17,7 @@ from rkhs_ros.policies.streams import stream
 
 T = TypeVar("T")
 
-SECOND_PUBLISHER, COMMAND_TIMEOUT = "second_publisher", "command_timeout"  # kinds of every robot
+SECOND_PUBLISHER = "second_publisher"  # a kind of every robot
 MOST_CATCH_UP_S = 1.0  # of the robot's time per call, so that messages are handled in between
 TOLERANCE = 1e-6  # relative tolerance of limits, because values at a limit are rounded
 
@@ -84,12 +84,6 @@ class RobotSettings(Settings):
     loss: float = setting(0.0, "probability that a message is lost, each way", minimum=0.0, maximum=0.99)
     position_noise: float = setting(1e-3, "sd of the noise of positions, rad", minimum=0.0, maximum=1.0)
     velocity_noise: float = setting(1e-2, "sd of the noise of velocities, rad/s", minimum=0.0, maximum=10.0)
-    command_timeout: float = setting(
-        0.0,
-        "seconds without a command after which the robot makes a protective stop; 0 for never",
-        minimum=0.0,
-        maximum=60.0,
-    )
 
     def __post_init__(self) -> None:
         """Raise ValueError if settings are inconsistent."""
@@ -100,17 +94,13 @@ class RobotSettings(Settings):
 class Robot(ABC):
     """A simulated robot, advanced in steps of its physics.
 
-    Owns its state, an immutable value: its ``protection``, whether its motors are on (``is_driven``), and the states
-    after a violation (``tripped``) and after a reset of the protective stop (``reset``).
+    Owns its state, an immutable value: its ``protection``, and the states after a command (``heard``), after a
+    violation (``tripped``) and after a reset of the protective stop (``reset``).
     """
 
     def __init__(self, settings: RobotSettings, state: Any) -> None:
         self.settings = settings
         self.state = state
-
-    @abstractmethod
-    def hear(self, command: Any) -> None:
-        """Receive a command."""
 
     @abstractmethod
     def step(self) -> None:
@@ -123,6 +113,10 @@ class Robot(ABC):
     @abstractmethod
     def description(self) -> str:
         """Return the robot's URDF."""
+
+    def hear(self, command: Any) -> None:
+        """Receive a command."""
+        self.state = self.state.heard(command)
 
     def trip(self, kind: str, reason: str) -> None:
         """Make a protective stop for a violation."""
@@ -195,11 +189,6 @@ class Hardware:
         """Seconds of the robot's time up to the last step."""
         return self.steps / self._settings.rate
 
-    @property
-    def since_command(self) -> float:
-        """Seconds since the last command arrived; infinity before the first one."""
-        return self.time - self._heard_at
-
     def send(self, time: float, command: Any) -> None:
         """Send a command to the robot."""
         self._commands.send(time, command)
@@ -234,7 +223,7 @@ class Hardware:
             "commands lost": self._commands.lost,
             "samples lost": self._samples.lost,
             "steps": self.steps,
-            "seconds since the last command": f"{self.since_command:.3f}",
+            "seconds since the last command": f"{self.time - self._heard_at:.3f}",
         }
 
     @property
@@ -246,12 +235,6 @@ class Hardware:
         while (self.steps + 1) / self._settings.rate <= until:
             self.robot.step()
             self.steps += 1
-            self._check_timeout()
             if self.time >= self._next_sample:
                 self._readings += 1
                 self._samples.send(self.time, (self.time, self.robot.sample()))
-
-    def _check_timeout(self) -> None:
-        timeout = self._settings.command_timeout
-        if timeout and self.robot.state.is_driven and self.since_command > timeout:
-            self.robot.trip(COMMAND_TIMEOUT, f"expected a command every {timeout:g} s")
