@@ -3,11 +3,10 @@
 import os
 import sys
 import warnings
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from ctypes.util import find_library
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +29,11 @@ FEWEST, MOST, USUAL = 2, 200, 60  # frames of a film
 ONE, MANY = "rgb_array", "rgb_array_list"  # render modes: a picture of a state, or pictures of the motion in a step
 MOMENTS = 6  # frames of the strip
 SECONDS, LAST_MS = 6.0, 1500  # durations of the animation and of its last frame
-LIMIT = 3_000_000  # bytes of the animation
-SMALLER = 0.8  # factor of the width while the animation exceeds the limit
 PALETTE_SIZE = 128
-STILL = 1e-3  # fraction of pixels that may differ between frames without motion
+REMEDY = (
+    " (MuJoCo without a display needs EGL or OSMesa: on Debian and Ubuntu, apt install libegl1 libgl1-mesa-dri, "
+    "or libosmesa6 and MUJOCO_GL=osmesa)"
+)
 CAPTION_PART = 18  # height of a frame, relative to that of its caption
 
 
@@ -51,14 +51,7 @@ class Film:
 
 
 def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int = 0, frames: int = USUAL) -> Film:
-    """Run an episode of a policy without exploration noise and render it.
-
-    Args:
-        policy: policy to run.
-        task: task to run it on.
-        runner: runner of that task.
-        seed: seed of all randomness.
-        frames: number of frames, spread evenly over the episode; at most one per step.
+    """Run an episode of a policy without exploration noise, and render frames that are spread evenly over it.
 
     Raises:
         ValueError: a number is out of range, or the environment cannot be rendered.
@@ -119,44 +112,25 @@ def _rendering_errors(environment: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        got = f"{type(error).__name__}: {truncated(error)}{remedy()}"
+        got = f"{type(error).__name__}: {truncated(error)}{REMEDY * ('mujoco' in sys.modules)}"
         raise ValueError(f"{environment}: expected a rendered frame, got {got}") from error
 
 
-RENDERER = "MUJOCO_GL"  # environment variable that MuJoCo and Gymnasium read
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-OFFSCREEN = {"egl": "EGL", "osmesa": "OSMesa"}  # renderer and its library, the faster one first
-REMEDY = (
-    "MuJoCo without a display needs EGL or OSMesa: on Debian and Ubuntu, apt install libegl1 libgl1-mesa-dri, "
-    "or libosmesa6 and MUJOCO_GL=osmesa"
-)
-
-
-def choose_renderer(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set MuJoCo's renderer to an off-screen one if there is no display and the user has not chosen one."""
-    has_display = sys.platform != "linux" or any(environment.get(name) for name in DISPLAYS)
-    if has_display or RENDERER in environment:
-        return
-    found = [renderer for renderer, library in OFFSCREEN.items() if find_library(library)]
-    if found:
-        environment[RENDERER] = found[0]
-
-
-def remedy(environment: MutableMapping[str, str] = os.environ) -> str:
-    """Return in brackets what to install for rendering with MuJoCo; an empty string if MuJoCo is not in use."""
-    chosen = f"{RENDERER} is {environment[RENDERER]}; " if RENDERER in environment else ""
-    return f" ({chosen}{REMEDY})" if "mujoco" in sys.modules else ""
+def choose_renderer() -> None:
+    """Let MuJoCo render off-screen if there is no display and the user has not chosen a renderer."""
+    has_display = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not has_display:
+        os.environ.setdefault("MUJOCO_GL", "egl" if find_library("EGL") else "osmesa")
 
 
 def draw_strip(path: Path, film: Film) -> None:
-    """Draw selected frames side by side, from the first motion on."""
+    """Draw selected frames side by side."""
     write(path, strip_figure(film))
 
 
 def strip_figure(film: Film) -> Figure:
     """Return a figure of selected frames of a film."""
-    first = first_motion(film)
-    moments = [first + moment for moment in spread(len(film.captions) - first, MOMENTS)]
+    moments = spread(len(film.captions), MOMENTS)
     height, width = film.pictures.shape[1:3]
     size = (2.0 * len(moments), 2.0 * height / width + 0.3)
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
@@ -168,23 +142,13 @@ def strip_figure(film: Film) -> Figure:
 
 
 def animate(path: Path, film: Film) -> None:
-    """Write the frames from the first motion on as a GIF.
-
-    The frames are scaled down if the file would be too large.
-    """
-    first = first_motion(film)
-    moments = zip(film.pictures[first:], film.captions[first:], strict=True)
-    images = [_captioned(picture, caption) for picture, caption in moments]
-    while len(data := _gif(images)) > LIMIT:
-        size = [max(round(SMALLER * length), 1) for length in images[0].size]
-        images = [image.resize((size[0], size[1]), Image.Resampling.LANCZOS) for image in images]
-    path.write_bytes(data)
-
-
-def first_motion(film: Film) -> int:
-    """Return the index of the last frame before the first motion; 0 if nothing moves."""
-    moved = (film.pictures != film.pictures[0]).any(axis=3).mean(axis=(1, 2)) > STILL
-    return max(int(moved.argmax()) - 1, 0)
+    """Write the frames as a GIF with a common palette, which compresses far better than separate ones."""
+    images = [_captioned(picture, caption) for picture, caption in zip(film.pictures, film.captions, strict=True)]
+    some = np.concatenate([np.asarray(images[moment]) for moment in spread(len(images), MOMENTS)])
+    palette = Image.fromarray(some).quantize(PALETTE_SIZE)
+    first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [round(1000.0 * SECONDS / len(images))] * len(others) + [LAST_MS]
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
 
 
 def _captioned(picture: Pictures, caption: str) -> Image.Image:
@@ -193,14 +157,3 @@ def _captioned(picture: Pictures, caption: str) -> Image.Image:
     font = ImageFont.truetype(findfont("DejaVu Sans"), size)
     ImageDraw.Draw(image).text((size // 2, size // 3), caption, "black", font, stroke_width=2, stroke_fill="white")
     return image
-
-
-def _gif(images: list[Image.Image]) -> bytes:
-    """Encode the images as a GIF with a common palette, which compresses far better than separate ones."""
-    some = np.concatenate([np.asarray(images[moment]) for moment in spread(len(images), MOMENTS)])
-    palette = Image.fromarray(some).quantize(PALETTE_SIZE)
-    first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    buffer = BytesIO()
-    durations = [round(1000.0 * SECONDS / len(images))] * len(others) + [LAST_MS]
-    first.save(buffer, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
-    return buffer.getvalue()

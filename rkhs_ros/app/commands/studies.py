@@ -18,7 +18,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.paper.experiment import known, load_experiment
 from rkhs_ros.paper.reproduce import draw_experiment, reproduce
-from rkhs_ros.pictures.comparison import draw_comparison, format_of
+from rkhs_ros.pictures.run_pictures import draw_comparison, format_of
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies import grid
