@@ -12,9 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.textpath import text_to_path
 from matplotlib.ticker import Formatter, MaxNLocator
 from numpy.typing import NDArray
 
@@ -28,7 +26,7 @@ SIGNED, UNSIGNED = "coolwarm", "viridis"  # perceptually uniform, also for colou
 REFERENCE_GREYS = ("0.2", "0.45", "0.65")  # of reference returns
 DPI = 120
 POINTS = 72  # per inch
-SPARE = 0.92  # fraction of a line to fill, since wide letters are unevenly distributed
+LETTER = 0.62  # width of a letter, relative to the size of the font
 TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11, 10, 9  # points
 MARGIN_IN = 0.8  # greatest margin beside a plot, without a colour bar
 BAR_IN = 0.9  # width of a colour bar with its numbers and name
@@ -103,15 +101,12 @@ def _size(axes: Axes) -> tuple[float, float]:
 
 def folded(text: str, inches: float, size: float = LABEL_SIZE) -> str:
     """Wrap a text to a width in inches at a font size in points."""
-    count = SPARE * inches / max(width_of(text, size), 1e-9) * len(text)
-    return text if count >= len(text) else "\n".join(wrap(text, max(int(count), 8)))
+    return "\n".join(wrap(text, max(int(inches / _letter(size)), 8)))
 
 
-def width_of(text: str, size: float) -> float:
-    """Return the width in inches of the longest line of a text at a font size in points."""
-    font = FontProperties(size=size)
-    measured = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in text.splitlines())
-    return max((float(width) for width, _, _ in measured), default=0.0) / POINTS
+def _letter(size: float) -> float:
+    """Return the width in inches of a letter at a font size in points, a little more than the average."""
+    return LETTER * size / POINTS
 
 
 def legend_above(axes: Axes, title: str = "") -> None:
@@ -121,8 +116,8 @@ def legend_above(axes: Axes, title: str = "") -> None:
     is_coloured = any(each.colorbar is not None for each in (*axes.collections, *axes.images))
     available = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN - BAR_IN * is_coloured
     names = [folded(name, available - LINE_IN, SMALL_SIZE) for name in names]
-    widths = [width_of(name, SMALL_SIZE) + LINE_IN for name in names]
-    columns = next(n for n in range(len(names), 0, -1) if n == 1 or _width(widths, n) <= available)
+    longest = max((len(line) for name in names for line in name.splitlines()), default=0)
+    columns = min(max(int(available / (longest * _letter(SMALL_SIZE) + LINE_IN)), 1), max(len(names), 1))
     axes.legend(
         handles,
         names,
@@ -137,11 +132,6 @@ def legend_above(axes: Axes, title: str = "") -> None:
         title_fontsize=LABEL_SIZE,
         alignment="left",
     )
-
-
-def _width(entries: list[float], columns: int) -> float:
-    """Return the width in inches of a legend with entries of some widths, filled column by column."""
-    return float(sum(column.max() for column in np.array_split(entries, columns)))
 
 
 def looks(count: int) -> Iterable[tuple[str, str, str]]:
