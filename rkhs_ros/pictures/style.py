@@ -26,7 +26,7 @@ SIGNED, UNSIGNED = "coolwarm", "viridis"  # perceptually uniform, also for colou
 REFERENCE_GREYS = ("0.2", "0.45", "0.65")  # of reference returns
 DPI = 120
 POINTS = 72  # per inch
-LETTER = 0.62  # width of a letter, relative to the size of the font
+LETTER = 0.60  # width of a letter, relative to the size of the font
 TITLE_SIZE, LABEL_SIZE, SMALL_SIZE = 11, 10, 9  # points
 MARGIN_IN = 0.8  # greatest margin beside a plot, without a colour bar
 BAR_IN = 0.9  # width of a colour bar with its numbers and name
@@ -116,8 +116,9 @@ def legend_above(axes: Axes, title: str = "") -> None:
     is_coloured = any(each.colorbar is not None for each in (*axes.collections, *axes.images))
     available = figure.bbox.width / figure.dpi / (grid.ncols if grid else 1) - MARGIN_IN - BAR_IN * is_coloured
     names = [folded(name, available - LINE_IN, SMALL_SIZE) for name in names]
-    longest = max((len(line) for name in names for line in name.splitlines()), default=0)
-    columns = min(max(int(available / (longest * _letter(SMALL_SIZE) + LINE_IN)), 1), max(len(names), 1))
+    widths = [max(map(len, name.splitlines())) * _letter(SMALL_SIZE) + LINE_IN for name in names]
+    fitting = (n for n in range(len(names), 1, -1) if sum(map(max, np.array_split(widths, n))) <= available)
+    columns = next(fitting, 1)
     axes.legend(
         handles,
         names,
