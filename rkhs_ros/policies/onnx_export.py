@@ -11,7 +11,6 @@ zeros starts an episode. The caller passes each ``next_state`` as the ``state`` 
 from dataclasses import replace
 from functools import singledispatch
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,6 @@ Shapes = dict[str, tuple[int, ...]]
 
 TOLERANCE = 1e-6  # of the actions, relative to the greatest one
 COUNT, EPISODES = 10_000, 100  # minimum number of observations of a check; episodes per batch
-CALLS = 1000  # timed calls
 SPREAD = 2.0  # of the observations, in standard deviations of the centres
 
 
@@ -142,9 +140,9 @@ def _(kernel: Sum | Product, graph: Graph, points: str, centres: Array) -> str:
 
 def state_dim(policy: Policy) -> int:
     """Return the number of columns of the state; 0 if the policy has no memory."""
-    if not policy.gaussian.has_memory:
-        return 0
-    return 1 + policy.spaces.action_dim + (policy.gaussian.inputs.history - 1) * _entry_dim(policy)
+    inputs, n = policy.gaussian.inputs, policy.spaces.action_dim
+    entries = _window_dim(policy) // inputs.history * (inputs.history - 1)
+    return 1 + n + entries if policy.gaussian.has_memory else 0
 
 
 def onnx_model(policy: Policy) -> bytes:
@@ -173,10 +171,6 @@ def _clipped(graph: Graph, action: str, low: Array, high: Array) -> str:
     return graph.add("Min", graph.add("Max", action, low), high)
 
 
-def _entry_dim(policy: Policy) -> int:
-    return policy.spaces.observation_dim + len(policy.gaussian.inputs.columns) + policy.spaces.action_dim
-
-
 def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
     """Replace angles by their sine and cosine, as in `Inputs`."""
     if not inputs.columns:
@@ -202,8 +196,8 @@ def _mean(graph: Graph, policy: Policy, window: str) -> str:
 
 
 def _window_dim(policy: Policy) -> int:
-    history, entry = policy.gaussian.inputs.history, _entry_dim(policy)
-    return entry * history if history > 1 else entry - policy.spaces.action_dim
+    spaces = policy.spaces
+    return replace(policy.gaussian.inputs, degree=0).dimension(spaces.observation_dim, spaces.action_dim)
 
 
 def _monomials(graph: Graph, policy: Policy, window: str) -> str:
@@ -221,7 +215,8 @@ def _monomials(graph: Graph, policy: Policy, window: str) -> str:
 
 def _with_state(graph: Graph, policy: Policy, observed: str) -> str:
     """Add the decision of a policy with memory, and its next state; return the unclipped action."""
-    n, history, entry = policy.spaces.action_dim, policy.gaussian.inputs.history, _entry_dim(policy)
+    n, history = policy.spaces.action_dim, policy.gaussian.inputs.history
+    entry = _window_dim(policy) // history
     steps, held = graph.columns(STATE, 0, 1), graph.columns(STATE, 1, 1 + n)
     begins = graph.add("Equal", steps, np.array(0.0))
     expired = graph.add("GreaterOrEqual", steps, np.array(float(policy.gaussian.action_repeat)))
@@ -242,37 +237,7 @@ def _with_state(graph: Graph, policy: Policy, observed: str) -> str:
     return action
 
 
-class OnnxPolicy:
-    """An exported policy, the content of a file, on one thread of ONNX Runtime; it is called like `Policy`."""
-
-    def __init__(self, content: bytes) -> None:
-        require_extra("onnxruntime", "export", "export")
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        self._columns = [value.shape[1] for value in self._session.get_inputs() if value.name == STATE]
-        self.reset()
-
-    def reset(self) -> None:
-        """Start a new episode."""
-        self._state: list[Any] = []
-
-    def __call__(self, observations: Array) -> Array:
-        """Return the clipped mean actions, shape (batch, *action_shape).
-
-        Args:
-            observations: finite float64 numbers, shape (batch, *observation_shape).
-        """
-        given = {"observation": observations}
-        if self._columns:
-            given[STATE] = self._state[0] if self._state else np.zeros((len(observations), *self._columns))
-        action, *self._state = self._session.run(None, given)
-        return np.asarray(action)
-
-
-def export_onnx(policy: Policy, file: Path) -> tuple[int, float, float]:
+def export_onnx(policy: Policy, file: Path) -> tuple[int, float]:
     """Write a policy to an ONNX file if the graph acts like the policy; return the result of `check_onnx`.
 
     Raises:
@@ -285,37 +250,51 @@ def export_onnx(policy: Policy, file: Path) -> tuple[int, float, float]:
     return check
 
 
-def check_onnx(policy: Policy, content: bytes) -> tuple[int, float, float]:
+def exported_actions(content: bytes, observations: Array) -> Array:
+    """Return the actions of an exported policy in a batch of episodes, shape (steps, batch, *action_shape).
+
+    Args:
+        content: content of the ONNX file.
+        observations: finite float64 numbers, shape (steps, batch, *observation_shape).
+    """
+    require_extra("onnxruntime", "export", "export")
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    sizes = [value.shape[1] for value in session.get_inputs() if value.name == STATE]
+    state, actions = [np.zeros((observations.shape[1], size)) for size in sizes], []
+    for step in observations:
+        action, *state = session.run(None, {"observation": step, **dict(zip([STATE], state, strict=False))})
+        actions.append(action)
+    return np.stack(actions)
+
+
+def check_onnx(policy: Policy, content: bytes) -> tuple[int, float]:
     """Compare an exported policy with the original in random episodes.
 
     The episodes are just long enough to fill the window. In longer ones, rounding errors could grow, because the window
     feeds actions back. Steps are ignored if the action of the original is not finite.
 
     Returns:
-        The number of observations; the greatest difference between the actions, relative to the greatest action; and
-        the median duration of a call with one observation on one thread, in seconds.
+        The number of observations, and the greatest difference between the actions, relative to the greatest action.
 
     Raises:
         ValueError: onnxruntime is not installed, or the actions differ by more than the tolerance.
     """
     low, high = (bound.astype(np.float64) for bound in (policy.spaces.action_low, policy.spaces.action_high))
     exact = Policy(policy.gaussian, policy.task, replace(policy.spaces, action_low=low, action_high=high))
-    exported, observations = OnnxPolicy(content), random_observations(policy)
+    error, greatest, blocks = 0.0, 0.0, random_observations(policy)
     with np.errstate(over="ignore", invalid="ignore"):
-        expected, got = (np.stack([_acted(each, steps) for steps in observations]) for each in (exact, exported))
-        error = np.abs(got - expected)[finite := np.isfinite(expected)].max(initial=0.0)
-    greatest = np.abs(expected[finite]).max(initial=0.0)
-    relative = float(error / greatest) if greatest else float(error)
+        for steps in blocks:
+            exact.reset()
+            expected, got = np.stack([exact(step) for step in steps]), exported_actions(content, steps)
+            finite = np.isfinite(expected)
+            error = max(error, float(np.abs(got - expected)[finite].max(initial=0.0)))
+            greatest = max(greatest, float(np.abs(expected)[finite].max(initial=0.0)))
+    relative = error / greatest if greatest else error
     what = f"the actions of the policy within {TOLERANCE:g}"
-    require(bool(finite.any()) and relative <= TOLERANCE, "policy.onnx", what, f"a difference of {relative:g}")
-    exported.reset()
-    seconds = []
-    for call in range(CALLS):
-        begin = perf_counter()
-        exported(observations[0, call % observations.shape[1], :1])
-        seconds.append(perf_counter() - begin)
-    count = len(observations) * observations.shape[1] * EPISODES
-    return count, relative, float(np.median(seconds))
+    require(relative <= TOLERANCE, "policy.onnx", what, f"a difference of {relative:g}")
+    return int(np.prod(blocks.shape[:3])), relative
 
 
 def random_observations(policy: Policy) -> Array:
@@ -337,9 +316,3 @@ def random_observations(policy: Policy) -> Array:
         observations[..., rest] = near.mean(axis=0) + observations[..., rest] * deviations(near)
     observations[..., inputs.columns] = rng.uniform(-0.5, 0.5, (*shape, len(inputs.columns))) * inputs.full_turns
     return observations.reshape(*shape, *spaces.observation_shape)
-
-
-def _acted(acting: Policy | OnnxPolicy, steps: Array) -> Array:
-    """Return the actions in a batch of episodes, shape (steps, EPISODES, *action_shape)."""
-    acting.reset()
-    return np.stack([acting(observations) for observations in steps])

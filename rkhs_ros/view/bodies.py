@@ -1,6 +1,6 @@
 """Rigid bodies on the page and their poses; the bodies of a robot, read from its URDF, and their frames."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from viser.transforms import SE3, SO3
 
+from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
 
@@ -27,15 +28,7 @@ class Primitive(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """A rigid body made of triangles.
-
-    Attributes:
-        shape: always "mesh".
-        size: edge lengths of the bounding box, in metres.
-        colour: hexadecimal, such as "#0072B2".
-        vertices: positions in metres, shape (k, 3).
-        faces: vertex indices of each triangle, shape (m, 3).
-    """
+    """A rigid body made of triangles: vertices in metres, shape (k, 3), and their indices, shape (m, 3)."""
 
     shape: str
     size: tuple[float, float, float]
@@ -59,44 +52,21 @@ def three(values: Array) -> tuple[float, float, float]:
 
 
 class Joint(NamedTuple):
-    """A joint of a URDF.
-
-    Attributes:
-        name: name of the joint.
-        kind: revolute, continuous, prismatic or fixed.
-        parent: name of the parent link.
-        frame: frame of the joint in that of the parent link, shape (4, 4).
-        axis: unit vector of the motion, in the joint's frame.
-        middle: middle of the position range.
-        leader: name of the joint that this one mimics; empty if none.
-        multiplier: factor of the leader's position.
-        offset: added to the multiplied position.
-    """
+    """A joint of a URDF."""
 
     name: str
-    kind: str
-    parent: str
-    frame: Array
-    axis: Array
-    middle: float
-    leader: str
-    multiplier: float
-    offset: float
-
-
-class Visual(NamedTuple):
-    """A visible body: the link it belongs to, its frame in that of the link, and its shape."""
-
-    link: str
-    frame: Array
-    body: Surface | Primitive
+    kind: str  # revolute, continuous, prismatic or fixed
+    parent: str  # link
+    frame: Array  # in that of the parent link, shape (4, 4)
+    axis: Array  # unit vector of the motion, in the joint's frame
+    middle: float  # of the range of positions
+    leader: str  # joint that this one mimics; empty if none
+    multiplier: float  # of the leader's position
+    offset: float  # added to the multiplied position
 
 
 class UrdfBodies:
-    """The visible bodies of a robot.
-
-    Args:
-        file: URDF of the robot. Meshes that are missing or of an unknown format are left out.
+    """The visible bodies of a robot, from its URDF; meshes that are missing or of an unknown format are left out.
 
     Raises:
         ValueError: the file is no URDF, or has no visible bodies.
@@ -107,14 +77,18 @@ class UrdfBodies:
         root = read_urdf(file)
         self._joints = {_value(joint, "child", "link"): _joint(joint) for joint in root.findall("joint")}
         self._named = {joint.name: joint for joint in self._joints.values() if joint.name}
-        for name in self._named:
-            self._check_leaders(file, name)
-        paints = {
-            paint.get("name", ""): rgba for paint in root.iter("material") if (rgba := _value(paint, "color", "rgba"))
+        rgba = {
+            paint.get("name", ""): text for paint in root.iter("material") if (text := _value(paint, "color", "rgba"))
         }
-        self.visuals = [visual for link in root.findall("link") for visual in _visuals(link, paints, file.parent)]
-        if not self.visuals:
-            raise ValueError(f"{file}: expected visible bodies, got none")
+        self.bodies: list[Surface | Primitive] = []
+        self._places: list[tuple[str, Array]] = []  # of each body: its link, and its frame in that of the link
+        for link in root.findall("link"):
+            for visual in link.findall("visual"):
+                with suppress(Exception):  # a missing or unreadable mesh must not hide the other bodies
+                    place = link.get("name", ""), _frame(visual)
+                    self.bodies.append(_body(visual, _colour(visual, rgba), file.parent))
+                    self._places.append(place)
+        require(bool(self.bodies), f"{file}", "visible bodies", "none")
 
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
         """Return the frame of each body at a number of moments, shape (count, 4, 4).
@@ -125,7 +99,7 @@ class UrdfBodies:
             count: number of moments.
         """
         frames: dict[str, Array] = {}
-        return [self._frame(visual.link, positions, count, frames) @ visual.frame for visual in self.visuals]
+        return [self._frame(link, positions, count, frames) @ frame for link, frame in self._places]
 
     def _frame(self, link: str, positions: Mapping[str, Array], count: int, frames: dict[str, Array]) -> Array:
         if link not in frames:
@@ -143,15 +117,6 @@ class UrdfBodies:
         if joint.leader in self._named:
             return joint.multiplier * self._position(self._named[joint.leader], positions, count) + joint.offset
         return np.full(count, joint.middle)
-
-    def _check_leaders(self, file: Path, name: str) -> None:
-        """Raise ValueError if a joint mimics itself, directly or through others."""
-        leader = name
-        for _ in self._named:  # without a cycle, the chain of leaders is no longer than this
-            leader = self._named[leader].leader
-            if leader not in self._named:
-                return
-        raise ValueError(f"{file}: joint '{name}': expected mimic joints without a cycle, got a cycle")
 
 
 def _moved(joint: Joint, position: Array) -> Array:
@@ -178,12 +143,6 @@ def _joint(element: Element) -> Joint:
     )
 
 
-def _visuals(link: Element, paints: Mapping[str, str], folder: Path) -> Iterator[Visual]:
-    for element in link.findall("visual"):
-        with suppress(Exception):  # a missing or unreadable mesh must not hide the other bodies
-            yield Visual(link.get("name", ""), _frame(element), _body(element, _colour(element, paints), folder))
-
-
 def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
     """Return the shape of a visual element."""
     shape = visual.findall("geometry/*")[0]
@@ -195,21 +154,13 @@ def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
         case "cylinder":
             width = 2 * float(shape.attrib["radius"])
             return Primitive("cylinder", (width, width, float(shape.attrib["length"])), colour)
-    return _surface(_mesh_file(shape.attrib["filename"], folder), _numbers(shape.get("scale", "1 1 1")), colour)
-
-
-def _surface(file: Path, scale: Array, colour: str) -> Surface:
     import trimesh  # imported on use: it takes 0.3 s, and most robots have no meshes
 
-    mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
-    vertices = np.asarray(mesh.vertices) * scale
-    return Surface("mesh", three(np.ptp(vertices, axis=0)), colour, vertices, np.asarray(mesh.faces))
-
-
-def _mesh_file(name: str, folder: Path) -> Path:
-    """Return the path of a mesh: beside the URDF, or in a package."""
+    name = shape.attrib["filename"]
     beside = folder / name.removeprefix("file://").removeprefix(PACKAGE)
-    return beside if beside.is_file() else located(name)
+    mesh: Any = trimesh.load(beside if beside.is_file() else located(name), force="mesh", skip_materials=True)
+    vertices = np.asarray(mesh.vertices) * _numbers(shape.get("scale", "1 1 1"))
+    return Surface("mesh", three(np.ptp(vertices, axis=0)), colour, vertices, np.asarray(mesh.faces))
 
 
 def _colour(visual: Element, paints: Mapping[str, str]) -> str:

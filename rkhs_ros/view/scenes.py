@@ -34,14 +34,8 @@ SHADES = (RED, GREEN, PINK, BLUE)  # of the sensed points
 class RobotScene:
     """The bodies of a robot and the points that it senses; implements `ShowsBodies` around the first episode.
 
-    Joints without a sensor follow the commands, if these are positions.
-
-    Args:
-        bodies: bodies of the robot.
-        task: task of the robot: its sensors and its action.
-        gate: settings of the gate: the commanded joints and their velocity limits.
-        observations: observations of the episode whose motion determines the bounds, shape (steps, d).
-        actions: actions of that episode, shape (steps, n).
+    Joints without a sensor follow the commands, if these are positions. The motion in the given episode determines the
+    bounds.
     """
 
     view_direction = EYE
@@ -58,7 +52,7 @@ class RobotScene:
     def bodies(self) -> list[Surface | Primitive]:
         """Return the bodies of the robot and a ball for each sensed point."""
         balls = [Primitive("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
-        return [*(visual.body for visual in self._bodies.visuals), *balls]
+        return [*self._bodies.bodies, *balls]
 
     def motion(self, observations: Array, actions: Array) -> Poses:
         """Return the poses of the bodies during an episode."""
@@ -121,8 +115,8 @@ def appearance_of(
         task: task of the run.
         spaces: spaces of the task.
         nodes: parameters of a robot's nodes by node name; empty for a simulator.
-        observations: observations of an episode, shape (steps, d).
-        actions: actions of that episode, shape (steps, n).
+        observations: of an episode, shape (steps, d).
+        actions: of that episode, shape (steps, n).
     """
     widths = observations.shape[1], actions.shape[1]
     with suppress(Exception):  # the nodes do not fit the robot, or user code fails
@@ -138,34 +132,12 @@ def _robot_appearance(
     """Return the names of a robot, and its URDF, the scene of its simulated twin, or a timeline."""
     robot = robot_task_from(nodes["robot"])
     names = names_of(task, observations.shape[1], actions.shape[1], robot.spaces)
-    scene: ShowsBodies | None = None
-    with suppress(ValueError, OSError):
-        scene = robot_scene(nodes, robot, observations, actions)
-    if scene is None and "simulated_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0:
-        scene = scene_of(TWIN)
-    return names, scene or Timeline(names)
-
-
-def robot_scene(
-    nodes: Mapping[str, Mapping[str, Any]], task: RobotTask, observations: Array, actions: Array
-) -> RobotScene | None:
-    """Return the scene of a robot whose gate reads its limits from a URDF; None for other robots.
-
-    Args:
-        nodes: parameters of the robot's nodes by node name.
-        task: task of the robot.
-        observations: observations of an episode, shape (steps, d).
-        actions: actions of that episode, shape (steps, n).
-
-    Raises:
-        ValueError: the URDF is damaged or has no visible bodies.
-        OSError: the URDF cannot be read.
-    """
     gate = nodes.get("gate", {})
-    urdf = gate.get("limits", {}).get("urdf", "")
-    if not urdf:
-        return None
-    return RobotScene(UrdfBodies(located(urdf)), task, gate, observations, actions)
+    with suppress(ValueError, OSError):
+        if urdf := gate.get("limits", {}).get("urdf"):
+            return names, RobotScene(UrdfBodies(located(urdf)), robot, gate, observations, actions)
+    has_twin = "simulated_robot" in nodes and sensed_joints(robot).get(TWINS_JOINT) == 0
+    return names, (scene_of(TWIN) if has_twin else None) or Timeline(names)
 
 
 def sensed_joints(task: RobotTask) -> dict[str, int]:

@@ -133,12 +133,9 @@ def _export(options: argparse.Namespace) -> int:
         return _export_episodes(options)
     require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
     if file.suffix == ".onnx":
-        count, error, seconds = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
+        count, error = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
         print(f"Exported the policy: {file}")
-        print(
-            f"Checked on {count} random observations: relative error {error:.1g} "
-            f"(limit {TOLERANCE:g}), {1e6 * seconds:.0f} µs per call (median, one thread)"
-        )
+        print(f"Checked on {count} random observations: relative error {error:.1g} (limit {TOLERANCE:g})")
         return 0
     require_extra("viser", "view", "export")
     from rkhs_ros.view.serving import html_page, source_of

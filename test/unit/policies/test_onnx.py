@@ -14,11 +14,9 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.onnx_export import (
     COUNT,
     OPSET,
-    TOLERANCE,
-    OnnxPolicy,
     check_onnx,
+    exported_actions,
     onnx_model,
-    random_observations,
     state_dim,
 )
 from rkhs_ros.policies.policy import Policy
@@ -93,22 +91,18 @@ def acted(policy: Policy, observations: np.ndarray) -> np.ndarray:
 )
 def test_it_acts_like_the_policy(kernel: str, inputs: str, repeat: int) -> None:
     policy = small_policy(kernel, inputs, repeat)
-    exported, observations = OnnxPolicy(onnx_model(policy)), random_episode()
-    expected = acted(policy, observations)
-    for _ in range(2):  # the second time after a reset
-        exported.reset()
-        got = np.concatenate([exported(observation[None]) for observation in observations])
-        assert got.shape == expected.shape
-        assert np.allclose(got, expected, rtol=1e-9, atol=1e-9)
+    observations = random_episode()
+    expected, got = acted(policy, observations), exported_actions(onnx_model(policy), observations[:, None])[:, 0]
+    assert got.shape == expected.shape
+    assert np.allclose(got, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("inputs", ["plain", "window of angles"])
 def test_the_zero_function_and_scalar_actions_are_exported(inputs: str) -> None:
     for policy in (small_policy("rbf", inputs, centres=0), small_policy("linear", inputs, 2, scalar=True)):
-        count, error, seconds = check_onnx(policy, onnx_model(policy))
+        count, error = check_onnx(policy, onnx_model(policy))
         assert error <= 1e-12
         assert count >= COUNT
-        assert seconds > 0
 
 
 def test_the_state_contains_the_steps_the_action_and_the_window() -> None:
@@ -136,15 +130,6 @@ def test_the_check_detects_another_policy() -> None:
     policy, other = small_policy("rbf", "window"), small_policy("one bandwidth", "window")
     with pytest.raises(ValueError, match=r"policy.onnx: expected the actions of the policy within 1e-06, got"):
         check_onnx(policy, onnx_model(other))
-
-
-@pytest.mark.parametrize("inputs", ["only angles", "monomials of a window"])
-def test_the_observations_of_the_check_reach_the_centres(inputs: str) -> None:
-    policy = small_policy("polynomial" if INPUTS[inputs].degree else "one bandwidth", inputs)
-    observations = random_observations(policy)
-    actions = np.stack([policy(step) for step in observations[0]])
-    assert np.abs(actions).max() > 100 * TOLERANCE
-    assert len(np.unique(actions)) > 100
 
 
 def test_the_example_of_the_page_runs_without_rkhs_ros(tmp_path: Path) -> None:
