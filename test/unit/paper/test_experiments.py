@@ -2,6 +2,7 @@ import csv
 import shutil
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -125,13 +126,16 @@ def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", PAPER_RUNS)
 def test_the_page_of_results_has_the_returns_of_the_figures(name: str) -> None:
     section = (ROOT / "docs" / "results.md").read_text().split(f"\n## {name}\n")[1].split("\n## ")[0]
-    rows = [tuple(line.strip("| ").split(" | ")) for line in section.splitlines() if line.startswith("| ")][1:]
+    table = (line.strip("|").split("|") for line in section.splitlines() if line.startswith("| "))
+    rows = [[cell.strip() for cell in line] for line in table][1:]
+    for above, row in pairwise(rows):
+        row[0] = row[0] or above[0]  # an empty cell repeats the one above
     final: dict[tuple[str, str], dict[str, float]] = {}
     for line in csv.DictReader((ROOT / "docs" / "results" / f"{name}.csv").open()):
         final.setdefault((line["panel"], line["curve"]), {})[line["run"]] = float(line["evaluation_return"])
     lasts = {key: np.array(list(each.values())) for key, each in final.items()}
     width = len(rows[0]) - 3  # a figure with one plot has no column of it
-    assert {row[:width]: row[width:] for row in rows} == {
+    assert {tuple(row[:width]): tuple(row[width:]) for row in rows} == {
         key[-width:]: tuple(f"{value:.2f}" for value in (last.mean(), last.min(), last.std()))
         for key, last in lasts.items()
     }
