@@ -65,12 +65,7 @@ class Trial(Settings):
 
 @dataclass(frozen=True)
 class Tuning(Settings):
-    """The tuning of the parameters of one node.
-
-    Attributes:
-        parameters: the range of each parameter by its name.
-        sensors: the sensors that a trial records.
-    """
+    """The tuning of the parameters of one node: their ranges by name, and the sensors that a trial records."""
 
     node: str = setting("", "name of the node whose parameters are tuned")
     trials: int = setting(30, "maximum number of trials", minimum=8, maximum=10_000)
@@ -92,10 +87,6 @@ class Tuning(Settings):
     def places(self, values: Mapping[str, float]) -> Array:
         """Return the places of values in their ranges, shape (n,)."""
         return np.array([each.place(values[name]) for name, each in self.parameters.items()])
-
-    def context_columns(self) -> list[int]:
-        """Return the columns of an observation that are the context."""
-        return [self.sensors.names.index(name) for name in self.context]
 
 
 def tuning_from(tree: Mapping[str, Any]) -> Tuning:

@@ -35,12 +35,7 @@ def add_tune_node(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``.
-
-    Raises:
-        ValueError: ROS is missing, or the file does not describe a tuning of the node.
-        RunError: a node is silent, or the reward fails.
-    """
+    """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``."""
     require_ros("rkhs tune-node")
     try:
         tree = loaded(options.file.read_text())
@@ -56,10 +51,10 @@ def run(options: argparse.Namespace) -> int:
     record = Record(folder / RECORD, tuning)
     with one_thread(), closing(TunedNode(tuning, folder)) as node:
         values = _best(node, tuning, record, options.seed)
-        write_parameters(folder / BEST, node.name, values)
+        write_parameters(folder / BEST, node.tuned, values)
         for name, value in values.items():
             print(f"{name}: {value:.6g} (before: {node.before[name]:.6g})")
-        print(f"ros2 param load {node.name} {folder / BEST}")
+        print(f"ros2 param load {node.tuned} {folder / BEST}")
         if options.apply:
             node.keep(values)
             print("The node keeps these parameters.", file=sys.stderr)
@@ -67,11 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _begin(folder: Path, described: str) -> None:
-    """Create the folder of a run, or check that it contains one of the same tuning, whose trials may go on.
-
-    Raises:
-        ValueError: the folder contains something else, or another tuning, whose trials may lie outside these ranges.
-    """
+    """Create the folder of a run, or check that it contains one of the same tuning, whose trials are in its ranges."""
     file = folder / TUNING
     if file.is_file():
         same = file.read_text() == described
@@ -124,17 +115,17 @@ def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[
     """Run the trials, and repeat the best ones; return the best parameters, with a context those for it now."""
     confirmed = 0 if tuning.context else CONFIRMED
     while len((trials := record.trials).rewards) < tuning.trials - confirmed:
-        context = node.context()
+        context = node.sense_context()
         places, gain = next_places(trials, context, seed)
         if gain < noise_of(trials):
             print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
             break
         record.run(node, context, node.values(places))
     if tuning.context:
-        return node.values(best_places(trials, node.context(), seed))
+        return node.values(best_places(trials, node.sense_context(), seed))
     best = [int(row) for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]]
     for row in best:
         if row + 1 not in record.repetitions:
-            record.run(node, node.context(), node.values(trials.places[row]), repeats=str(row + 1))
+            record.run(node, node.sense_context(), node.values(trials.places[row]), repeats=str(row + 1))
     scores = {row: trials.rewards[row] + record.repetitions[row + 1] for row in best}
     return node.values(trials.places[max(scores, key=lambda row: float(scores[row]))])

@@ -1,4 +1,4 @@
-"""The node whose parameters are tuned: it is checked, gets values, runs trials, and gets its earlier values again."""
+"""The connection to a node whose parameters are tuned: it checks and sets them, runs trials, and restores them."""
 
 import time
 from functools import partial
@@ -9,8 +9,7 @@ import numpy as np
 import yaml
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
-from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
@@ -25,177 +24,133 @@ from rkhs_ros.robot.sensors import ReceivedMessage, SensingError
 from rkhs_ros.robot.tuning import Tuning
 
 Values = dict[str, Any]
-ATTEMPTS = 3  # at a trial in which a sensor falls silent
 BEFORE = "parameters_before.yaml"  # in the run's folder while they may be changed
 NUMBERS = {ParameterType.PARAMETER_DOUBLE: float, ParameterType.PARAMETER_INTEGER: round}
+CALLS = {
+    "describe_parameters": DescribeParameters,
+    "get_parameters": GetParameters,
+    "set_parameters_atomically": SetParametersAtomically,
+}
 
 
-class TuningNode(ClientNode):
-    """The node that sets parameters and records sensors.
-
-    Owns the newest message of each topic.
-
-    Raises:
-        ValueError: a type is unknown or has no such field, or a topic has two types.
-    """
-
-    def __init__(self, tuning: Tuning) -> None:
-        self.heard: dict[str, ReceivedMessage] = {}
-        topics = [(sensor.topic, sensor.type, sensor.fields) for _, sensor in tuning.sensors]
-        if tuning.reward.topic:
-            topics.append((tuning.reward.topic, tuning.reward.type, (tuning.reward.field,)))
-        types = types_of(topics)  # before there is a node to close
-        super().__init__("tuning", tuning.timeout)
-        for topic, kind in types.items():
-            self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
-
-    def _hear(self, topic: str, message: Any) -> None:
-        self.heard[topic] = ReceivedMessage(message, time.monotonic())
-
-
-class TunedNode:
+class TunedNode(ClientNode):
     """The connection to a node whose parameters are tuned.
 
-    Owns our node, and the values that the parameters had before: they are set again when the connection closes, and are
-    in a file until then, from which the next connection of the folder sets them.
+    Owns the newest message of each topic, and the values that the parameters had before: they are set again when the
+    connection closes, and are in a file until then, from which the next connection of the folder sets them.
 
     Args:
         tuning: the tuning.
         folder: folder of that file.
 
     Raises:
-        SilentError: a node does not answer in time.
-        ValueError: the node has no such parameter, it is read-only or no number, or its range is narrower.
+        ValueError: a parameter is missing or cannot have these values, or a topic has no such field or two types.
+        SilentError: the node does not answer in time.
     """
 
     def __init__(self, tuning: Tuning, folder: Path) -> None:
+        topics = [(sensor.topic, sensor.type, sensor.fields) for _, sensor in tuning.sensors]
+        if tuning.reward.topic:
+            topics.append((tuning.reward.topic, tuning.reward.type, (tuning.reward.field,)))
+        types = types_of(topics)  # before there is a node to close
+        super().__init__("tuning", tuning.timeout)
         self._tuning, self._file = tuning, folder / BEFORE
-        self._node = TuningNode(tuning)
-        self._peers = self._node.peers
+        self._heard: dict[str, ReceivedMessage] = {}
+        for topic, kind in types.items():
+            self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
+        self.tuned = tuning.node if tuning.node.startswith("/") else f"/{tuning.node}"
+        self._calls = {name: self.create_client(kind, f"{self.tuned}/{name}") for name, kind in CALLS.items()}
+        trial = tuning.trial
+        self._start = self.create_client(Trigger, trial.service) if trial.service else None
+        self._starts = self.create_publisher(Empty, trial.topic, LOCKSTEP_QOS) if trial.topic else None
         try:
-            self.name = tuning.node if tuning.node.startswith("/") else f"/{tuning.node}"
-            kinds = {"describe": DescribeParameters, "get": GetParameters, "set": SetParametersAtomically}
-            ends = {"describe": "describe_parameters", "get": "get_parameters", "set": "set_parameters_atomically"}
-            self._clients = {
-                key: self._node.create_client(kind, f"{self.name}/{ends[key]}") for key, kind in kinds.items()
-            }
-            for client in self._clients.values():
-                self._peers.wait_for_service(client, self.name)
-            trial = tuning.trial
-            self._start = self._node.create_client(Trigger, trial.service) if trial.service else None
-            self._starts = self._node.create_publisher(Empty, trial.topic, LOCKSTEP_QOS) if trial.topic else None
-            self._kinds = self._checked()
+            for client in self._calls.values():
+                self.peers.wait_for_service(client, self.tuned)
+            self._kinds = {name: self._checked(name) for name in tuning.parameters}
             self.before = self._remembered()
         except BaseException:
-            self._node.close()
+            super().close()
             raise
 
     def values(self, places: Array) -> Values:
         """Return the values at the places in their ranges, of the types of the parameters."""
         return {name: self._kinds[name](value) for name, value in self._tuning.values(places).items()}
 
-    def context(self) -> Array:
-        """Return the context, shape (c,), once all sensors are heard.
-
-        Raises:
-            RunError: a sensor is silent, or its message is unusable.
-        """
-        topics = [sensor.topic for _, sensor in self._tuning.sensors]
-        self._node.heard.clear()  # what was heard before the next trial was chosen is old
-        self._peers.spin(lambda: all(each in self._node.heard for each in topics), self._tuning.timeout)
-        try:
-            return self._sensed()[self._tuning.context_columns()]
-        except SensingError as error:
-            raise RunError(str(error)) from error
+    def sense_context(self) -> Array:
+        """Return the context, shape (c,), once all sensors are heard; raise RunError if one is silent or unusable."""
+        self._heard.clear()  # what was heard before the next trial was chosen is old
+        topics = {sensor.topic for _, sensor in self._tuning.sensors}
+        self.peers.spin(lambda: topics <= self._heard.keys(), self._tuning.timeout)
+        return self._sensed()[[self._tuning.sensors.names.index(name) for name in self._tuning.context]]
 
     def trial(self, values: Values) -> tuple[float, str]:
         """Run a trial; return its reward, and why the node rejects the values, or an empty text.
 
         Raises:
-            RunError: a node is silent, the trial does not start, the reward fails, or a sensor is silent in all of
-                three attempts.
+            RunError: a node or a sensor is silent, the trial does not start, or the reward fails.
         """
-        if reason := self.set(values):
+        if reason := self._set(values):
             return self._tuning.rejected, reason
         self._wait(self._tuning.trial.settle)
-        return self._scored(), ""
-
-    def set(self, values: Values) -> str:
-        """Set the parameters; return why the node rejects them, or an empty text.
-
-        Raises:
-            SilentError: the node does not answer in time.
-        """
-        request = SetParametersAtomically.Request()
-        request.parameters = [RosParameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        result = self._peers.call(self._clients["set"], request, self.name, repeatable=True).result
-        return "" if result.successful else (result.reason or "without a reason")
+        times, rows = self._record()
+        try:
+            heard = self._tuning.reward.heard(self._heard, time.monotonic(), self._tuning.stale_after)
+        except SensingError as error:
+            raise RunError(f"trial: {error}") from error
+        return self._tuning.reward.of(heard, times, rows), ""
 
     def close(self) -> None:
         """Set the parameters to what they were before, and close the connection."""
-        if self._node.context.ok():
+        if self.context.ok():
             try:
                 with deferred_signals():
                     self._require_set(self.before, "earlier")
                     self._file.unlink(missing_ok=True)
             finally:
-                self._node.close()
+                super().close()
 
     def keep(self, values: Values) -> None:
-        """Set the parameters, and let them stay when the connection closes.
-
-        Raises:
-            RunError: the node rejects them, or is silent.
-        """
+        """Set the parameters, and let them stay when the connection closes; raise RunError if the node rejects them."""
         self._require_set(values, "best")
         self.before = values
 
-    def _checked(self) -> dict[str, Any]:
-        """Return the type of each parameter, after a check of their descriptors."""
-        kinds = {}
-        for name, ours in self._tuning.parameters.items():
-            request, what = DescribeParameters.Request(names=[name]), f"parameter '{name}' of {self.name}"
-            found = self._peers.call(self._clients["describe"], request, self.name, repeatable=True).descriptors
-            require(
-                len(found) == 1 and found[0].type != ParameterType.PARAMETER_NOT_SET, what, "a declared one", "none"
-            )
-            (descriptor,) = found  # its own name may be another one, if the node shares it between parameters
-            require(descriptor.type in NUMBERS, what, "a double or an integer", f"type {descriptor.type}")
-            require(not descriptor.read_only, what, "one that can be set", "a read-only one")
-            for theirs in (*descriptor.floating_point_range, *descriptor.integer_range):
-                good = theirs.from_value <= ours.minimum and ours.maximum <= theirs.to_value
-                got = f"{ours.minimum:g} to {ours.maximum:g}"
-                require(good, what, f"a range within {theirs.from_value:g} to {theirs.to_value:g}", got)
-            kinds[name] = NUMBERS[descriptor.type]
-        return kinds
+    def _call(self, name: str, **fields: Any) -> Any:
+        return self.peers.call(self._calls[name], CALLS[name].Request(**fields), self.tuned, repeatable=True)
+
+    def _checked(self, name: str) -> Any:
+        """Return the type of a parameter, after a check of its descriptor."""
+        ours, what = self._tuning.parameters[name], f"parameter '{name}' of {self.tuned}"
+        found = self._call("describe_parameters", names=[name]).descriptors
+        require(len(found) == 1 and found[0].type != ParameterType.PARAMETER_NOT_SET, what, "a declared one", "none")
+        (descriptor,) = found
+        require(descriptor.type in NUMBERS, what, "a double or an integer", f"type {descriptor.type}")
+        require(not descriptor.read_only, what, "one that can be set", "a read-only one")
+        for theirs in (*descriptor.floating_point_range, *descriptor.integer_range):
+            good = theirs.from_value <= ours.minimum and ours.maximum <= theirs.to_value
+            got = f"{ours.minimum:g} to {ours.maximum:g}"
+            require(good, what, f"a range within {theirs.from_value:g} to {theirs.to_value:g}", got)
+        return NUMBERS[descriptor.type]
 
     def _remembered(self) -> Values:
         """Return the values before the run, and write them to the file; after a kill they are those of the file."""
         if self._file.is_file():
-            before: Values = yaml.safe_load(self._file.read_text())[self.name]["ros__parameters"]
+            before: Values = yaml.safe_load(self._file.read_text())[self.tuned]["ros__parameters"]
             self._require_set(before, "earlier")
             return before
-        request = GetParameters.Request(names=list(self._tuning.parameters))
-        values = self._peers.call(self._clients["get"], request, self.name, repeatable=True).values
+        values = self._call("get_parameters", names=list(self._tuning.parameters)).values
         before = dict(zip(self._tuning.parameters, map(parameter_value_to_python, values), strict=True))
-        write_parameters(self._file, self.name, before)
+        write_parameters(self._file, self.tuned, before)
         return before
 
-    def _require_set(self, values: Values, which: str) -> None:
-        if reason := self.set(values):
-            raise RunError(f"{self.name}: expected the {which} parameters to be accepted, got: {reason}")
+    def _set(self, values: Values) -> str:
+        """Set the parameters; return why the node rejects them, or an empty text."""
+        messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        result = self._call("set_parameters_atomically", parameters=messages).result
+        return "" if result.successful else (result.reason or "without a reason")
 
-    def _scored(self) -> float:
-        """Run the trial, again if a sensor was silent for a moment, and return its reward."""
-        silent = ""
-        for _ in range(ATTEMPTS):
-            try:
-                times, rows = self._record()
-                heard = self._tuning.reward.heard(self._node.heard, time.monotonic(), self._tuning.stale_after)
-                return self._tuning.reward.of(heard, times, rows)
-            except SensingError as error:
-                silent = str(error)
-        raise RunError(f"trial: {silent}")
+    def _require_set(self, values: Values, which: str) -> None:
+        if reason := self._set(values):
+            raise RunError(f"{self.tuned}: expected the {which} parameters to be accepted, got: {reason}")
 
     def _record(self) -> tuple[Array, Array]:
         """Start a trial and record the sensors; return times, shape (k,), and observations, shape (k, d)."""
@@ -203,8 +158,8 @@ class TunedNode:
         if self._starts:
             self._starts.publish(Empty())
         if self._start:
-            self._peers.wait_for_service(self._start, trial.service)
-            answer = self._peers.call(self._start, Trigger.Request(), trial.service)
+            self.peers.wait_for_service(self._start, trial.service)
+            answer = self.peers.call(self._start, Trigger.Request(), trial.service)
             if not answer.success:
                 raise RunError(f"{trial.service}: the trial did not start: {answer.message}")
         begin, count = time.monotonic(), max(1, round(trial.seconds / trial.period))
@@ -215,11 +170,17 @@ class TunedNode:
             rows.append(self._sensed())
         return times, np.array(rows)
 
+    def _hear(self, topic: str, message: Any) -> None:
+        self._heard[topic] = ReceivedMessage(message, time.monotonic())
+
     def _sensed(self) -> Array:
-        return self._tuning.sensors.observation(self._node.heard, time.monotonic())
+        try:
+            return self._tuning.sensors.observation(self._heard, time.monotonic())
+        except SensingError as error:
+            raise RunError(f"trial: {error}") from error
 
     def _wait(self, seconds: float) -> None:
-        self._peers.spin(lambda: False, seconds)
+        self.peers.spin(lambda: False, seconds)
 
 
 def write_parameters(file: Path, node: str, values: Values) -> None:

@@ -78,11 +78,6 @@ def test_the_noise_is_the_difference_of_trials_that_repeat_each_other() -> None:
     assert next_places(trials_of(0, 25)[0], np.empty(0), 0)[1] < 0.01  # nothing more to gain
 
 
-def test_the_context_is_chosen_by_the_names_of_observed_values() -> None:
-    tuning = tuning_from(TREE | {"context": ["axis position (rad)"]})
-    assert tuning.context_columns() == [0]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
