@@ -56,12 +56,7 @@ Statuses = dict[str, DiagnosticStatus]
 
 
 class Client:
-    """A node in a ROS domain, with a context of its own.
-
-    Args:
-        name: of the node.
-        domain: ROS domain; None for ROS_DOMAIN_ID.
-    """
+    """A node in a ROS domain, that of ROS_DOMAIN_ID if it is None, with a context of its own."""
 
     def __init__(self, name: str, domain: int | None) -> None:
         self.context = Context()
@@ -82,10 +77,6 @@ class NodeReports(Client):
     """Receives the reports of nodes, the progress of learners and the gate's state, in a thread, until it is closed.
 
     Owns the newest report of each node with its arrival time, and the newest progress of each learner.
-
-    Attributes:
-        heard_new_at: monotonic time at which the last new node appeared, seconds.
-        progress: of each learner, by topic.
     """
 
     def __init__(self, domain: int | None) -> None:
@@ -168,11 +159,7 @@ def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
 
 
 def command(word: str, domain: int | None) -> str:
-    """Call the service of an operator's command once, and return its answer.
-
-    Raises:
-        PeerError: the service is not available, does not answer, or refuses.
-    """
+    """Call the service of an operator's command once, and return its answer; raise PeerError if it fails or refuses."""
     service, kind, request = SERVICES[word]
     with closing(Client("operator", domain)) as client:
         caller = client.node.create_client(kind, service)
@@ -192,11 +179,7 @@ def command(word: str, domain: int | None) -> str:
 
 
 def show(domain: int | None, *, watch: bool) -> None:
-    """Print the reports once all nodes have reported; when watching, print them every second until Ctrl-C.
-
-    Raises:
-        PeerError: no node reported.
-    """
+    """Print the reports once all nodes have reported, or raise PeerError; when watching, every second until Ctrl-C."""
     console = Console()
     with closing(NodeReports(domain)) as reports:
         while time.monotonic() < reports.heard_new_at + LISTEN_S and not (watch and reports.statuses):

@@ -1,9 +1,8 @@
-"""One episode on a robot, timed by the wall clock, and its elastic clock."""
+"""One episode on a robot, timed by the wall clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
 
@@ -21,28 +20,18 @@ LAST_ACTIONS_TIMEOUT_S = 0.5  # wait after the last step for late actions
 SLACK = 0.1  # fraction of the period by which a tick may be late without shifting the ticks after it
 
 
-@dataclass(frozen=True)
-class ElasticClock:
-    """A periodic clock that tolerates late ticks.
+def next_tick(due: float, period: float, now: float) -> float:
+    """Return the monotonic time of the tick after the one that was due and happens now, seconds.
 
     A slightly late tick does not shift later ticks, which preserves the mean period. A very late tick shifts all later
     ticks: otherwise the next step would be too short, and its action would act for less time than the policy expects.
-
-    Attributes:
-        period: seconds.
-        due: monotonic time of the next tick, seconds.
     """
+    return (now if is_late(due, period, now) else due) + period
 
-    period: float
-    due: float
 
-    def ticked(self, now: float) -> ElasticClock:
-        """Return the clock after the tick that was due."""
-        return replace(self, due=(now if self.is_late(now) else self.due) + self.period)
-
-    def is_late(self, now: float) -> bool:
-        """Return whether a tick now is so late that it shifts those after it."""
-        return now - self.due > SLACK * self.period
+def is_late(due: float, period: float, now: float) -> bool:
+    """Return whether a tick now is so late that it shifts those after it."""
+    return now - due > SLACK * period
 
 
 class Reading(NamedTuple):
@@ -100,9 +89,8 @@ class RobotEpisode:
         self._reported: list[Array | None] = [None] * horizon
         self._executed = np.zeros((horizon, actions))
         self._flags = np.zeros(horizon, dtype=np.uint32)
-        self._clock: ElasticClock | None = None
+        self._due: float | None = None  # monotonic time of the next tick, seconds; None before the first action
         self._ticked_at = 0.0
-        self._unreported = 0
 
     @property
     def over(self) -> bool:
@@ -122,16 +110,16 @@ class RobotEpisode:
     @property
     def moving(self) -> bool:
         """Whether the first action has arrived and the episode has not ended."""
-        return self._clock is not None and not self.over
+        return self._due is not None and not self.over
 
     @property
     def due(self) -> float:
         """Monotonic time of the next event, a tick or an action's deadline; infinity before the first action."""
-        if self._clock is None or self.over:
+        if self._due is None or self.over:
             return inf
         if self.complete:
             return self._ticked_at + LAST_ACTIONS_TIMEOUT_S
-        return self._clock.due if self._answered else min(self._deadline, self._clock.due)
+        return self._due if self._answered else min(self._deadline, self._due)
 
     def begin(self, sensed: Reading) -> None:
         """Store the first observation."""
@@ -143,8 +131,8 @@ class RobotEpisode:
         if self.over or not self.observations or step > self.step or self._drawn[step] is not None:
             return None
         self._drawn[step] = action
-        if self._clock is None:
-            self._clock, self._ticked_at = ElasticClock(self._task.period, now + self._task.period), now
+        if self._due is None:
+            self._due, self._ticked_at = now + self._task.period, now
         elif step < self.step or now > self._deadline or self._flags[step] & MISSED:
             return None
         self._sent[step] = self._task.action.command(action)
@@ -174,7 +162,7 @@ class RobotEpisode:
         Raises:
             RunError: the reward function or the end function fails.
         """
-        if self._clock is None or self.over:
+        if self._due is None or self.over:
             return False
         if self.complete:
             if now >= self.due:
@@ -182,14 +170,14 @@ class RobotEpisode:
             return False
         if not self._answered and now > self._deadline:
             self._miss()
-        if self.over or now < self._clock.due:
+        if self.over or now < self._due:
             return False
         try:
             sensed = sense()
         except SensingError as error:
             self.discard(str(error))
             return False
-        self._tick(now, sensed, self._clock)
+        self._tick(now, sensed, self._due)
         return True
 
     @property
@@ -207,12 +195,11 @@ class RobotEpisode:
         if self.misses > self._task.misses_allowed:
             self.discard(f"{self.misses} actions arrived too late, the last one in step {self.step}")
 
-    def _tick(self, now: float, sensed: Reading, clock: ElasticClock) -> None:
-        step = self.step
+    def _tick(self, now: float, sensed: Reading, due: float) -> None:
+        step, period = self.step, self._task.period
         self._settle(step)
-        late = clock.is_late(now)
-        self._flags[step] |= LATE * late
-        self._clock, self._ticked_at = clock.ticked(now), now
+        self._flags[step] |= LATE * is_late(due, period, now)
+        self._due, self._ticked_at = next_tick(due, period, now), now
         action = self._task.action.action(self._executed[step])
         transition = (self.observations[-1], action, sensed.observation)
         reward = self._task.reward.of(sensed.reward, *transition)
@@ -221,15 +208,12 @@ class RobotEpisode:
         self.observations.append(sensed.observation)
         self.stamps.append(sensed.stamp)
         self.step += 1
-        if self._unreported > self._task.misses_allowed:
-            self.discard_reason = f"the gate did not report {self._unreported} commands"
 
     def _settle(self, step: int) -> None:
         """Record the executed command of a finished step: reported by the gate, else sent, else held."""
         sent, reported = self._sent[step], self._reported[step]
         if sent is not None and reported is None:
             self._flags[step] |= NO_REPORT
-            self._unreported += 1
         executed = reported if reported is not None else sent
         self._executed[step] = self._executed[step - 1] if executed is None else executed
 

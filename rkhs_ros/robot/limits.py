@@ -126,19 +126,18 @@ class SensedLimits:
         _require_order(self.minimum, self.maximum, "sensed")
 
     @cached_property
+    def _ranges(self) -> dict[str, tuple[Array, Array]]:
+        bounds = {POSITION: (self.minimum, self.maximum)}
+        return bounds | {VELOCITY: (-self.velocity, self.velocity), EFFORT: (-self.effort, self.effort)}
+
+    @cached_property
     def fields(self) -> set[str]:
         """Quantities that must be sensed to check these limits."""
-        ranges = {POSITION: np.array([-self.minimum, self.maximum]), VELOCITY: self.velocity, EFFORT: self.effort}
-        return {name for name, limit in ranges.items() if np.isfinite(limit).any()}
+        return {name for name, bounds in self._ranges.items() if np.isfinite(bounds).any()}
 
     def exceeded(self, sensed: Sensed) -> Iterator[str]:
         """Yield a message for each limit that is exceeded; missing values exceed none."""
-        ranges = {
-            POSITION: (self.minimum, self.maximum),
-            VELOCITY: (-self.velocity, self.velocity),
-            EFFORT: (-self.effort, self.effort),
-        }
-        for name, (low, high) in ranges.items():
+        for name, (low, high) in self._ranges.items():
             values = getattr(sensed, name)
             for joint in np.flatnonzero((values < low) | (values > high)):
                 limits = f"from {low[joint]:g} to {high[joint]:g}"

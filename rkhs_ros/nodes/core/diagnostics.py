@@ -31,10 +31,7 @@ class Diagnostics:
     """A node's status reports, once a second.
 
     Owns the numbers of refused and ignored messages and of steps, why the node is stuck or has stopped the robot, and
-    what the operator has to do.
-
-    Args:
-        report: returns further values to report.
+    what the operator has to do. `report` returns further values to report.
     """
 
     def __init__(self, node: Node, report: Callable[[], Mapping[str, object]]) -> None:
@@ -158,10 +155,7 @@ def unconnected(node: Node, topic: str, answers: str) -> str:
 
 
 class Source:
-    """A topic of sensor messages.
-
-    Owns the arrival times of its newest messages.
-    """
+    """A topic of sensor messages; owns the arrival times of its newest messages."""
 
     def __init__(self, node: Node, topic: str, kind: str, stale_after: float) -> None:
         self._node = node

@@ -43,11 +43,7 @@ def _indices_of(flags: ArrayLike) -> array[int]:
 
 
 def observations_of(message: msg.Observation, batch: Batch) -> Array:
-    """Return the observations in a message of a batch, shape (num_envs, d); they share its memory.
-
-    Raises:
-        ValueError: the step is out of range, or observations or rewards have the wrong shape or are not finite.
-    """
+    """Return the observations in a message of a batch, shape (num_envs, d); they share its memory."""
     if message.step + (not message.over) > batch.horizon:
         expected = f"at most {batch.horizon}, and less unless all episodes are over"
         raise ValueError(f"step: expected {expected}, got {message.step}")

@@ -47,10 +47,7 @@ def given(node: Node, *, needs_section: bool = False) -> dict[str, Any]:
     """Return the parameters with which a node was started as a tree, without those of every ROS node.
 
     The node must have been created with ``automatically_declare_parameters_from_overrides``, so that unknown names can
-    be refused.
-
-    Raises:
-        ValueError: the node needs a section, and was started with parameter files, but none has a section for it.
+    be refused. Raises ValueError if the node needs a section of its parameter files, and none is for it.
     """
     name, files = node.get_fully_qualified_name(), _parameter_files(sys.argv)
     if needs_section and files and not any(is_for(section, name) for file in files for section in _sections(file)):

@@ -52,11 +52,7 @@ class PeerError(RunError):
 
 
 class ReportingNode(Node):
-    """A node that reports its status, and has periodic work between messages.
-
-    Args:
-        context: ROS context of a node that shares its process; None selects the default context.
-    """
+    """A node that reports its status, and has periodic work between messages."""
 
     diagnostics: Diagnostics
 

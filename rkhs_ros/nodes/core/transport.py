@@ -26,16 +26,10 @@ def node_names(robot: Collection[str] = ()) -> list[str]:
 
 
 def by_udp(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment for nodes that use UDP only, on this machine unless configured otherwise.
+    """Return the environment for nodes that use UDP only, on this machine unless the given environment says otherwise.
 
     ROS's own settings for one machine include shared memory. This function replaces them with a profile that confines
-    nodes to this machine without shared memory.
-
-    Args:
-        environment: of this process; its settings of the discovery range and of Fast DDS are preserved.
-
-    Raises:
-        ValueError: the domain is invalid.
+    nodes to this machine without shared memory. Raises ValueError for an invalid domain.
     """
     domain = environment.get(DOMAIN, "0") or "0"  # ROS would print a traceback for an invalid one
     good = domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN

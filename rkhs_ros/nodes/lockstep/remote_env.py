@@ -42,10 +42,7 @@ class _Result(NamedTuple):
 
 
 class RemoteNode(ClientNode):
-    """The client's node.
-
-    Owns the link to the simulator or robot node.
-    """
+    """The client's node; it owns the link to the simulator or robot node."""
 
     def __init__(self, namespace: str, domain: int | None, timeout: float, hear: Callable[[Observation], None]) -> None:
         place = namespace.strip("/")

@@ -77,7 +77,6 @@ class SimulatorLink:
         """Wait for the simulator, and get its task; any environment is accepted if None is expected.
 
         Raises:
-            SilentError: the node does not answer in time.
             PeerError: the simulator has another environment.
             ValueError: the description is not a valid task.
         """

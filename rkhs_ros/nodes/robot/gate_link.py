@@ -29,8 +29,8 @@ class GateLink:
 
     Args:
         timeout: seconds without a report of a command after which the gate counts as dead.
-        report: callback for each report, with the command's number, the executed command and the flags.
-        simulated: whether the robot is simulated, so that its gate arms itself and its protective stops are ended here.
+        report: called with each command's number, the executed command and the flags.
+        simulated: whether the gate arms itself, and this client ends the robot's protective stops.
     """
 
     def __init__(

@@ -129,14 +129,11 @@ QOS = tuple(
 
 
 class StopTopics:
-    """Subscriptions to std_msgs/Bool topics on which other nodes request a stop.
-
-    Owns the requests of each topic.
+    """Subscriptions to topics on which other nodes request a stop; owns the requests of each topic.
 
     Args:
         timeouts: seconds of silence that mean stop, by topic; 0 for no timeout.
-        changed: called after each message, so that the gate acts on every request, also on one that is withdrawn by the
-            next message.
+        changed: called after each message, so that the gate acts also on a request that the next message withdraws.
     """
 
     def __init__(self, node: Node, timeouts: Mapping[str, float], changed: Callable[[], None]) -> None:

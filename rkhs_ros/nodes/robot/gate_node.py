@@ -1,7 +1,6 @@
 """The gate node: the only node that commands the hardware; it enforces limits and stops the robot on faults."""
 
 import time
-from dataclasses import dataclass
 from functools import partial
 from math import inf
 
@@ -42,32 +41,6 @@ SIMULATED = "simulated_robot"  # the node that may receive the commands of a gat
 HARDWARE_QOS = QoSProfile(depth=1)
 
 
-@dataclass
-class Loop:
-    """Statistics of a loop: rates since the last report, and missed ticks since the start."""
-
-    period: float
-    last: float | None = None
-    seconds: float = 0.0
-    ticks: int = 0
-    worst: float = 0.0
-    missed: int = 0
-
-    def tick(self, now: float) -> None:
-        """Count a tick at a monotonic time in seconds."""
-        if self.last is not None:
-            wait = now - self.last
-            self.seconds, self.ticks, self.worst = self.seconds + wait, self.ticks + 1, max(self.worst, wait)
-            self.missed += wait > LATE * self.period
-        self.last = now
-
-    def report(self) -> dict[str, object]:
-        """Return the mean and the worst rate since the last report, and the missed ticks."""
-        mean, worst = self.ticks / max(self.seconds, 1e-9), 1.0 / self.worst if self.worst else 0.0
-        self.seconds, self.ticks, self.worst = 0.0, 0, 0.0
-        return {"loop rate": f"{mean:.1f}", "worst loop rate": f"{worst:.1f}", "missed ticks": self.missed}
-
-
 class GateNode(ReportingNode):
     """Sends commands to the hardware once per period, within limits and unless there is a fault.
 
@@ -82,7 +55,9 @@ class GateNode(ReportingNode):
         declare(self, entries(self._settings))
         self._state = gate.begin(self._rules)
         self._published: tuple[Mode, str, Counts] | None = None
-        self._loop = Loop(self._settings.period)
+        self._ticked_at = inf  # monotonic time of the last tick, seconds
+        self._longest = 0.0  # seconds between two ticks since the last report
+        self._missed = 0  # ticks
         self._failures = 0  # of the last ticks, before their output was sent
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
         self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
@@ -159,7 +134,9 @@ class GateNode(ReportingNode):
         self._send(state.motion if output is not None else None)
         self._failures = 0
         self._turn(state)
-        self._loop.tick(now)
+        wait, self._ticked_at = now - self._ticked_at, now
+        self._longest = max(self._longest, wait)
+        self._missed += wait > LATE * self._settings.period
         self.diagnostics.steps += 1
         self._check_stops()
         if rivals := self._rivals():
@@ -268,10 +245,12 @@ class GateNode(ReportingNode):
         return response
 
     def _report(self) -> dict[str, object]:
+        longest, self._longest = self._longest, 0.0
         return {
             "state": str(self._state.mode),
             **vars(self._state.counts),
-            **self._loop.report(),
+            "worst loop rate": f"{1.0 / longest:.1f}" if longest else "",
+            "missed ticks": self._missed,
             PREFIX + "joints": self._joints_line(),
         }
 

@@ -17,7 +17,7 @@ from rkhs_ros.nodes.robot.sensor_topics import SensorTopics
 from rkhs_ros.policies.messages import doubles, shaped
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.episode import ElasticClock, Reading, RobotEpisode
+from rkhs_ros.robot.episode import Reading, RobotEpisode, next_tick
 from rkhs_ros.robot.reset import Joints, Means, ResetError, reset_steps
 from rkhs_ros.robot.sensors import SensingError, fresh
 from rkhs_ros.robot.task import RobotTask
@@ -36,13 +36,6 @@ class EpisodeDriver:
     Args:
         simulated: whether the gate arms itself and protective stops end automatically.
         ended: called with each episode that has ended, after the command to hold.
-
-    Attributes:
-        episode: the current episode, also during the reset before it.
-        alive_at: monotonic time of the learner's last heartbeat, seconds.
-        paused: whether the operator wants no further episode to start.
-        waiting: what the operator has to do; empty if nothing.
-        sensors: the subscribed sensor topics.
     """
 
     def __init__(
@@ -59,7 +52,7 @@ class EpisodeDriver:
         self._reset: Iterator[Array | str] | None = None
         self._confirmations = 0  # of the operator
         self._reset_period = min(task.period, RESET_PERIOD_S)
-        self._clock = ElasticClock(self._reset_period, 0.0)  # of a reset
+        self._due = 0.0  # monotonic time of the next command of a reset, seconds
         # Monotonic times, seconds: of the request or the last obstacle, of the first observation, and of no obstacle.
         self._began_at = self._ready_at = self._clear_at = 0.0
         self._timeout = 0.0  # seconds without a first action; 0 for no limit
@@ -84,8 +77,7 @@ class EpisodeDriver:
         """Start an episode with the policy of that version, which has ``timeout`` seconds for its first action."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
         self.lockstep, self._timeout = (identity, version), timeout
-        self._began_at = self._clear_at = time.monotonic()
-        self._clock = ElasticClock(self._reset_period, self._began_at)
+        self._began_at = self._clear_at = self._due = time.monotonic()
 
     def confirm(self) -> None:
         """Continue on the operator's confirmation."""
@@ -104,12 +96,7 @@ class EpisodeDriver:
         self._gate.close()
 
     def proceed(self, now: float) -> float:
-        """Process due events; return the monotonic time of the next one.
-
-        Raises:
-            SilentError: the policy node did not act in time.
-            RunError: the sensors are silent, or the policy or a function of the task fails.
-        """
+        """Process due events; return the monotonic time of the next one. Raise RunError if the run must end."""
         episode = self.episode
         if episode is None:
             return now + IDLE_S
@@ -139,9 +126,9 @@ class EpisodeDriver:
 
     def _prepare(self, episode: RobotEpisode, now: float) -> float:
         """Do the next part of the reset if it is due; return the monotonic time of the next one."""
-        if now < self._clock.due:
-            return self._clock.due
-        self._clock = self._clock.ticked(now)
+        if now < self._due:
+            return self._due
+        self._due = next_tick(self._due, self._reset_period, now)
         obstacle = self._gate.obstacle()
         if self._reset is not None and (fault := obstacle or self._silence(now)):
             self.discard(fault)
@@ -152,7 +139,7 @@ class EpisodeDriver:
         elif self._is_ready(now):
             self.waiting = ""
             self._reset = reset_steps(self._task.reset, self._means)
-        return self._clock.due
+        return self._due
 
     def _remedy(self, obstacle: str, now: float) -> str:
         """Return what the operator has to do about an obstacle or a pause; empty if a simulated robot ends it."""

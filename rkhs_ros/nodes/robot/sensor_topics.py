@@ -24,16 +24,7 @@ CHECK_PERIOD_S = 1.0  # between checks for unusable sources, and before the firs
 
 
 class Use(NamedTuple):
-    """The purpose of a topic.
-
-    Attributes:
-        name: of the purpose, from the settings.
-        topic: its name.
-        type: of its messages.
-        fields: the fields that are read, by path.
-        read: reads a message; raises SensingError if it is unusable.
-        is_needed: whether the topic must be usable before the robot may move.
-    """
+    """A topic, the fields that are read from its messages, and how; it may be needed before the robot may move."""
 
     name: str
     topic: str
@@ -46,12 +37,8 @@ class Use(NamedTuple):
 class SensorTopics:
     """Subscriptions to the sensors of a robot.
 
-    Messages are stored serialised, because many more may arrive than are read.
-
-    Owns the newest message of each topic and its arrival time. Reports unusable sensors to the gate.
-
-    Raises:
-        ValueError: a type is unknown, or has no such field.
+    Owns the newest message of each topic, serialised, because many more may arrive than are read, and its arrival time.
+    Reports unusable sensors to the gate.
     """
 
     def __init__(self, node: Node, task: RobotTask) -> None:
@@ -119,13 +106,10 @@ def _uses(task: RobotTask) -> Iterator[Use]:
 
 
 def types_of(topics: Iterable[tuple[str, str, Sequence[str]]]) -> dict[str, Any]:
-    """Return the message classes of topics by name.
+    """Return the message classes of topics by name; raise ValueError for a bad type or field, or a second type.
 
     Args:
         topics: the name of each topic, its type, and the fields that are read, by path; a topic may occur again.
-
-    Raises:
-        ValueError: a type is unknown or has no such field, or a topic has two types.
     """
     types: dict[str, Any] = {}
     for topic, name, fields in topics:
@@ -143,11 +127,7 @@ def check_topics(task: RobotTask) -> None:
 
 
 def _message_type(name: str) -> Any:
-    """Return the class of a message type such as ``sensor_msgs/msg/Imu``.
-
-    Raises:
-        ValueError: the type is unknown.
-    """
+    """Return the class of a message type such as ``sensor_msgs/msg/Imu``."""
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)

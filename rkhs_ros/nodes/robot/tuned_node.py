@@ -37,11 +37,7 @@ class TunedNode(ClientNode):
     """The connection to a node whose parameters are tuned.
 
     Owns the newest message of each topic, and the values that the parameters had before: they are set again when the
-    connection closes, and are in a file until then, from which the next connection of the folder sets them.
-
-    Args:
-        tuning: the tuning.
-        folder: folder of that file.
+    connection closes, and are in a file in `folder` until then, from which the next connection sets them.
 
     Raises:
         ValueError: a parameter is missing or cannot have these values, or a topic has no such field or two types.
@@ -84,11 +80,7 @@ class TunedNode(ClientNode):
         return self._sensed()[[self._tuning.sensors.names.index(name) for name in self._tuning.context]]
 
     def trial(self, values: Values) -> tuple[float, str]:
-        """Run a trial; return its reward, and why the node rejects the values, or an empty text.
-
-        Raises:
-            RunError: a node or a sensor is silent, the trial does not start, or the reward fails.
-        """
+        """Run a trial; return its reward, and why the node rejects the values, or an empty text."""
         if reason := self._set(values):
             return self._tuning.rejected, reason
         self._wait(self._tuning.trial.settle)
