@@ -35,13 +35,7 @@ def is_late(due: float, period: float, now: float) -> bool:
 
 
 class Reading(NamedTuple):
-    """One reading of the sensors.
-
-    Attributes:
-        observation: shape (d,).
-        reward: from the reward topic; 0 without one.
-        stamp: nanoseconds since 1970.
-    """
+    """One reading: the observation, shape (d,), the reward topic's value or 0, and the nanoseconds since 1970."""
 
     observation: Array
     reward: float
@@ -153,14 +147,9 @@ class RobotEpisode:
             self.discard_reason = reason
 
     def proceed(self, now: float, sense: Callable[[], Reading]) -> bool:
-        """Process due events; return whether there is a new observation.
+        """Process events that are due at a monotonic time, seconds; return whether there is a new observation.
 
-        Args:
-            now: monotonic time, seconds.
-            sense: reads the sensors; may raise SensingError.
-
-        Raises:
-            RunError: the reward function or the end function fails.
+        `sense` reads the sensors; it may raise SensingError. A failing function of the task raises RunError.
         """
         if self._due is None or self.over:
             return False

@@ -54,10 +54,9 @@ def commanded(state: Gate, rules: Rules, now: float, command: Command) -> tuple[
 
 
 def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, str]:
-    """Take a sensed joint state, and stop if it exceeds a limit or contradicts others; return why it was refused.
+    """Take a sensed joint state, and stop if it exceeds a limit or contradicts others; return why it is refused or "".
 
-    The reason is empty if the state was not refused. A refused state does not replace the previous one, which therefore
-    becomes stale.
+    A refused state does not replace the previous one, which therefore becomes stale.
     """
     reason = flaw(state, rules, now, news)
     if reason:
@@ -75,10 +74,7 @@ def ticked(state: Gate, rules: Rules, now: float) -> tuple[Gate, Array | None]:
     """Advance by one period if a period has passed since the last tick; return the next state and the output.
 
     Outputs are at least one period apart, also after a late tick. A change that respects a limit per period therefore
-    also respects it per second.
-
-    Returns:
-        The next state, and the output of shape (joints,); None if no tick is due or the gate is disarmed.
+    also respects it per second. The output has the shape (joints,); it is None if none is due or the gate is disarmed.
     """
     if now < state.due:
         return state, None

@@ -179,15 +179,7 @@ def rules(settings: GateSettings) -> Rules:
 
 
 def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) -> None:
-    """Check that the gate uses the command topic for nothing else, so that it does not receive its own commands.
-
-    Args:
-        settings: of the gate.
-        resolved: returns the full name of a topic.
-
-    Raises:
-        ValueError: the gate also uses the command topic for another purpose.
-    """
+    """Raise ValueError if the gate would hear its own commands; `resolved` returns the full name of a topic."""
     topic, others = settings.command.topic, [*OWN_TOPICS, *settings.stop_topics, settings.sensor.topic]
     taken = {resolved(name) for name in others if name}
     expected = "a topic that the gate does not use for another purpose"

@@ -223,11 +223,7 @@ class StopRequests:
         return replace(self, requests=present)
 
     def reason(self, now: float) -> str:
-        """Return why the robot must stop; empty if it need not.
-
-        Args:
-            now: monotonic time, seconds.
-        """
+        """Return why the robot must stop at a monotonic time, seconds; empty if it need not."""
         on_topic = f"{STOP_REQUESTED} on the topic '{self.topic}'"
         if self.requests:
             senders = [

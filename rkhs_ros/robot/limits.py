@@ -24,7 +24,7 @@ UNITS = {POSITION: "rad or m", VELOCITY: "rad/s or m/s", EFFORT: "N m or N"}
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the commands to joints.
+    """Limits of the commands to joints; ValueError is raised if they are missing, contradictory, negative or too large.
 
     Each is an array of shape (joints,). Infinity means no limit; 0 is a limit.
 
@@ -36,9 +36,6 @@ class Limits:
         acceleration: for positions the greatest change of their velocity per second; for velocities the greatest change
             per second; none for efforts.
         step: greatest difference of successive commands, however much time has passed.
-
-    Raises:
-        ValueError: limits are missing, contradictory, negative, too large, or their number is not that of the joints.
     """
 
     kind: str
@@ -84,13 +81,9 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """A sensed joint state; arrays have shape (joints,), nan where a value is missing.
+    """A sensed joint state: its time, in seconds of the gate's clock, and positions, velocities and efforts.
 
-    Attributes:
-        stamp: time of the measurement, in seconds of the gate's clock.
-        position: in rad or m.
-        velocity: in rad/s or m/s.
-        effort: in N m or N.
+    Each is an array of shape (joints,), in rad or m, rad/s or m/s, N m or N; nan where a value is missing.
     """
 
     stamp: float
@@ -108,9 +101,6 @@ class SensedLimits:
         maximum: greatest position.
         velocity: greatest magnitude of the velocity.
         effort: greatest magnitude of the effort.
-
-    Raises:
-        ValueError: limits are contradictory, negative, too large, or their number is not that of the joints.
     """
 
     minimum: Array
@@ -168,12 +158,7 @@ def _require_order(minimum: Array, maximum: Array, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Setpoint:
-    """The newest command and its rate of change.
-
-    Attributes:
-        value: the command, shape (joints,).
-        rate: velocity of position commands, per second, shape (joints,); 0 for other commands.
-    """
+    """The newest command, shape (joints,), and its rate of change per second, which is 0 unless it is a position."""
 
     value: Array
     rate: Array
@@ -185,14 +170,9 @@ def rest_at(value: Array) -> Setpoint:
 
 
 def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None, periods: int = 1) -> Setpoint:
-    """Return the command after some periods of a motion towards a goal.
+    """Return the command some periods after `motion`, the previous one, when moving towards a goal.
 
-    Args:
-        limits: of the commands.
-        period: seconds between commands.
-        motion: the previous command.
-        goal: the desired command, shape (joints,); None to come to rest: positions brake, other commands go to 0.
-        periods: their number.
+    The goal has the shape (joints,); None means to come to rest: positions brake, other commands go to 0.
     """
     if limits.kind == POSITION:
         top = np.minimum(limits.velocity, limits.step / period) if goal is not None else np.zeros_like(motion.value)
@@ -209,15 +189,9 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None,
 def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
     """Return the braking trajectory of position commands, equal to that of `advance` without a goal.
 
-    Args:
-        limits: of the commands.
-        period: seconds between commands.
-        motion: the newest command.
-        most: greatest number of points, 2 or more.
-
     Returns:
-        Pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in the last all
-        joints are at rest.
+        At most `most` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in
+        the last all joints are at rest.
     """
     change = limits.acceleration * period
     speed = np.abs(motion.rate)

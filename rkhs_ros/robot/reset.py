@@ -54,11 +54,7 @@ class Home(Settings):
             require(size in (1, count), f"reset.home.{name}", numbers(1, count), size)
 
     def joints_in(self, message: Any) -> Joints:
-        """Return the state of the joints in a JointState message.
-
-        Raises:
-            SensingError: a joint, or its position or velocity, is missing or not finite.
-        """
+        """Return the state of the joints in a JointState message; raise SensingError if it is incomplete."""
         position, velocity = (np.array(joint_values(message, f, self.joints)) for f in ("position", "velocity"))
         if not np.isfinite([position, velocity]).all():
             raise SensingError(f"{self.topic}: expected finite positions and velocities, got {position}, {velocity}")
@@ -96,12 +92,7 @@ class ResetError(Exception):
 def path_home(home: Home, start: Array, elapsed: float) -> tuple[Joints, bool]:
     """Return the desired state on a smooth path home, at rest at both ends, and whether the path has ended.
 
-    The path is cubic in time, and no joint exceeds its speed limit.
-
-    Args:
-        home: the settings of the motion.
-        start: start position, shape (n,).
-        elapsed: seconds since the start.
+    The path is cubic in time, and no joint exceeds its speed. `start` has the shape (n,), `elapsed` is in seconds.
     """
     way = np.broadcast_to(home.position, start.shape) - start
     seconds = max(PEAK * float((np.abs(way) / np.array(home.speed)).max()), 1e-9)
@@ -134,8 +125,7 @@ class Means:
 def reset_steps(reset: Reset, means: Means) -> Iterator[Array | str]:
     """Yield the next command of a reset, or what the operator has to do meanwhile, "" for nothing, until its end.
 
-    Raises:
-        ResetError: a step failed.
+    Raises ResetError if a step fails.
     """
     for step in reset.steps:
         if step == "home":

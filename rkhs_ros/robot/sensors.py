@@ -38,12 +38,7 @@ class SensingError(Exception):
 
 
 class ReceivedMessage(NamedTuple):
-    """The newest message of a topic.
-
-    Attributes:
-        message: any object with the fields of its type.
-        at: monotonic time of arrival, seconds.
-    """
+    """The newest message of a topic, and its monotonic time of arrival, seconds."""
 
     message: Any
     at: float
@@ -87,11 +82,7 @@ class Sensor(Settings):
         return sum(len(paths_of(field)) for field in self.fields)
 
     def names(self, name: str) -> list[str]:
-        """Return the names of a sensor's values with units, such as "elbow position (rad)" or "tip position.x (m)".
-
-        Args:
-            name: name of the sensor.
-        """
+        """Return the names of the values of the sensor ``name``: "elbow position (rad)" or "tip position.x (m)"."""
         if self.joints:
             units = self.units or [UNITS[field] for field in self.fields]
             pairs = zip(self.fields, units, strict=True)
@@ -101,11 +92,7 @@ class Sensor(Settings):
         return [f"{name} {_end_of(path)}" + f" ({unit})" * bool(unit) for path, unit in paths]
 
     def numbers(self, message: Any) -> list[float]:
-        """Return the observed values of a message, field by field, and within a field joint by joint.
-
-        Raises:
-            SensingError: a value is missing, not a number, or not finite.
-        """
+        """Return the observed values of a message, by field and joint; raise SensingError if one is bad."""
         if self.joints:
             values = [each for field in self.fields for each in joint_values(message, field, self.joints)]
         else:
@@ -116,11 +103,7 @@ class Sensor(Settings):
 
 
 def paths_of(field: str) -> list[Path]:
-    """Return the path to each number of a field, such as ("position", "x") for position.x.
-
-    Raises:
-        ValueError: the field is invalid.
-    """
+    """Return the path to each number of a field, ("position", "x") for position.x; raise ValueError if invalid."""
     paths: list[Path] = [()]
     for part in field.split("."):
         match = PART.fullmatch(part)
@@ -156,11 +139,7 @@ def check_field(message: Any, field: str) -> None:
 
 
 def field_values(message: Any, field: str) -> list[float]:
-    """Return the values in a field.
-
-    Raises:
-        SensingError: the field is missing, or not a number.
-    """
+    """Return the values in a field; raise SensingError if it is missing or not a number."""
     paths = paths_of(field)
     try:
         return [float(reduce(_entry, path, message)) for path in paths]
@@ -173,11 +152,7 @@ def _entry(value: Any, key: str | int) -> Any:
 
 
 def joint_values(message: Any, field: str, joints: tuple[str, ...]) -> list[float]:
-    """Return a field of a JointState for the named joints.
-
-    Raises:
-        SensingError: a joint is missing from the message, or has no such value.
-    """
+    """Return a field of a JointState for the named joints; raise SensingError if one has no such value."""
     names, values = list(message.name), getattr(message, field)
     if missing := missing_joints(joints, names):
         raise SensingError(missing)
@@ -195,11 +170,9 @@ def missing_joints(joints: Iterable[str], names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of a robot; an observation concatenates their values in the order of their names.
+    """The sensors of a robot by name; an observation concatenates their values in the order of their names.
 
-    Attributes:
-        by_name: the sensors.
-        stale_after: seconds after which a message is stale.
+    A message is stale after `stale_after` seconds.
     """
 
     by_name: Mapping[str, Sensor]
@@ -227,14 +200,9 @@ class Sensors:
             begin += sensor.dimension
 
     def observation(self, heard: Mapping[str, ReceivedMessage], now: float) -> Array:
-        """Return the observation, shape (d,).
+        """Return the observation, shape (d,), from the newest message of each topic, at a monotonic time in seconds.
 
-        Args:
-            heard: the newest message of each topic.
-            now: monotonic time, seconds.
-
-        Raises:
-            SensingError: a sensor is silent, stale or its value is not a number; the message names it.
+        Raises SensingError, which names the sensor that is silent or stale, or whose value is not a number.
         """
         numbers: list[float] = []
         for name, sensor in self:
@@ -246,11 +214,7 @@ class Sensors:
 
 
 def fresh(heard: Mapping[str, ReceivedMessage], topic: str, now: float, stale_after: float) -> Any:
-    """Return the newest message of a topic.
-
-    Raises:
-        SensingError: no message has arrived, or the newest one is stale.
-    """
+    """Return the newest message of a topic; raise SensingError if there is none, or it is stale."""
     if topic not in heard:
         raise SensingError(f"no message has arrived on {topic}")
     message, at = heard[topic]

@@ -30,16 +30,7 @@ CALLED_WITH = "of observation, executed action and next observation"
 
 @dataclass(frozen=True)
 class Commands(Settings):
-    """The affine map from an action to a command: clip to the bounds, multiply by the scale, add the offset.
-
-    Attributes:
-        minimum: least action, shape (n,).
-        maximum: greatest action, shape (n,).
-        scale: change of the command per unit of the action, one number or one per action.
-        offset: command for the action 0, one number or one per action.
-        kind: quantity that a command sets; the motion to the home position depends on it.
-        unit: of the commands, one or one per action; if empty, that of the kind for revolute joints.
-    """
+    """The affine map from an action to a command: clip to the bounds, multiply by the scale, add the offset."""
 
     minimum: Numbers = setting((-1.0,), "least actions", minimum=-1e9, maximum=1e9)
     maximum: Numbers = setting((1.0,), "greatest actions", minimum=-1e9, maximum=1e9)
@@ -109,33 +100,20 @@ class Reward(Settings):
 
     @cached_property
     def rule(self) -> Rule | None:
-        """The function; None if the reward comes from a topic only.
-
-        Raises:
-            ValueError: it cannot be imported.
-        """
+        """The function, None if the reward comes from a topic only; raises ValueError if it cannot be imported."""
         return user_function(self.function, "reward.function") if self.function else None
 
     def heard(self, messages: Mapping[str, ReceivedMessage], now: float, stale_after: float) -> float:
-        """Return the newest value of the topic; 0 without one.
-
-        Raises:
-            SensingError: no message has arrived, the newest one is stale, or its value is not a number.
-        """
+        """Return the newest value, 0 without one; raise SensingError if it is missing, stale or no number."""
         if not self.topic:
             return 0.0
         (value,) = field_values(fresh(messages, self.topic, now, stale_after), self.field)
         return value
 
     def of(self, from_topic: float, *arrays: Array) -> float:
-        """Return a reward: the value of the function, plus that of the topic.
+        """Return a reward: the value of the function for the arrays, plus that of the topic, which is 0 without one.
 
-        Args:
-            from_topic: value of the topic; 0 without one.
-            arrays: what the function is called with.
-
-        Raises:
-            RunError: the function fails, or does not return a finite number.
+        Raises RunError if the function fails, or does not return a finite number.
         """
         reward = from_topic + (_called(self.rule, "reward", float, "a number", *arrays) if self.rule else 0.0)
         if not abs(reward) <= LARGEST:  # nan is not
@@ -151,28 +129,16 @@ class End(Settings):
 
     @cached_property
     def rule(self) -> Rule | None:
-        """The function; None if nothing ends an episode before the horizon.
-
-        Raises:
-            ValueError: it cannot be imported.
-        """
+        """The function, None if there is none; raises ValueError if it cannot be imported."""
         return user_function(self.function, "end.function") if self.function else None
 
     def is_reached(self, before: Array, executed: Array, after: Array) -> bool:
-        """Return whether a step ends the episode.
-
-        Raises:
-            RunError: the function fails, or does not return true or false.
-        """
+        """Return whether a step ends the episode; raise RunError if the function fails, or returns no boolean."""
         return _called(self.rule, "end", bool, "True or False", before, executed, after) if self.rule else False
 
 
 def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, *arrays: Array) -> T:
-    """Call a function, and convert its result with `kind`.
-
-    Raises:
-        RunError: the function or the conversion fails.
-    """
+    """Call a function, and convert its result with `kind`; raise RunError if either fails."""
     try:
         answer = call_user_function(function, *arrays, seconds=ANSWER_TIMEOUT_S)
     except RunError as error:
@@ -185,11 +151,7 @@ def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, 
 
 @dataclass(frozen=True)
 class RobotTask(Settings):
-    """A robot's task.
-
-    Attributes:
-        sensors: the sensors whose values are observed.
-    """
+    """A robot's task."""
 
     task: str = setting("robot", "name of the task in policies and recordings")
     period: float = setting(0.02, "seconds per step", minimum=0.001, maximum=3600.0)
@@ -210,7 +172,7 @@ class RobotTask(Settings):
     reward: Reward = Reward()
     end: End = End()
     reset: Reset = Reset()
-    sensors: Sensors = field(default=Sensors({}, 0.1))
+    sensors: Sensors = field(default=Sensors({}, 0.1))  # whose values are observed
 
     @property
     def spaces(self) -> Spaces:
@@ -228,11 +190,7 @@ class RobotTask(Settings):
 
 
 def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
-    """Return the task of a configuration's robot section.
-
-    Raises:
-        ValueError: an unknown key, an invalid value, or a function that cannot be imported.
-    """
+    """Return the task of a robot section; raise ValueError for an unknown key or an invalid value."""
     require(isinstance(tree, Mapping), "robot", "a section of keys", repr(tree))
     by_name = sensors_from(tree.get("sensors", {}))
     task = build(RobotTask, {key: value for key, value in tree.items() if key != "sensors"})
@@ -252,11 +210,7 @@ def robot_task_from(tree: Mapping[str, Any]) -> RobotTask:
 
 
 def sensors_from(sections: Any) -> dict[str, Sensor]:
-    """Return the sensors of a configuration by name.
-
-    Raises:
-        ValueError: there is none, or one has an unknown key or an invalid value.
-    """
+    """Return the sensors of a configuration by name; raise ValueError for an unknown key or an invalid value."""
     require(isinstance(sections, Mapping) and len(sections) > 0, "sensors", "a section for each sensor", sections)
     for name in map(str, sections):
         require(bool(NAME.fullmatch(name)), "sensors", "names of letters, digits and _", repr(name))

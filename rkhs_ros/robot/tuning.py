@@ -90,11 +90,7 @@ class Tuning(Settings):
 
 
 def tuning_from(tree: Mapping[str, Any]) -> Tuning:
-    """Return the tuning of a configuration.
-
-    Raises:
-        ValueError: an unknown key, an invalid value, or a function that cannot be imported.
-    """
+    """Return the tuning of a configuration; raise ValueError for an unknown key or an invalid value."""
     require(isinstance(tree, Mapping), "configuration", "a section of keys", repr(tree))
     ranges = tree.get("parameters", {})
     require(isinstance(ranges, Mapping) and len(ranges) > 0, "parameters", "a section for each parameter", ranges)
@@ -111,13 +107,7 @@ def tuning_from(tree: Mapping[str, Any]) -> Tuning:
 
 
 class Trials(NamedTuple):
-    """Finished trials.
-
-    Attributes:
-        contexts: shape (n, c).
-        places: places of the parameters in their ranges, shape (n, p).
-        rewards: shape (n,).
-    """
+    """Finished trials: contexts, shape (n, c), places of the parameters in their ranges, (n, p), and rewards, (n,)."""
 
     contexts: Array
     places: Array
@@ -138,10 +128,7 @@ def next_places(trials: Trials, context: Array, seed: int) -> tuple[Array, float
 
     .. math:: s\, \big(z \Phi(z) + \phi(z)\big), \qquad z = (m - m^*) / s
 
-    Args:
-        trials: the finished trials.
-        context: current context, shape (c,).
-        seed: seed of the run.
+    The context has the shape (c,), and the seed is that of the run.
     """
     number, size = trials.places.shape
     if number < 2 * (size + 1):  # of at least as many spread points

@@ -19,12 +19,7 @@ PACKAGE = "package://"  # prefix of a file in a package
 def located(name: str) -> Path:
     """Return the path of a file from its path or from ``package://PACKAGE/FILE``.
 
-    Args:
-        name: a path or ``package://PACKAGE/FILE``. PACKAGE is a ROS package, or a Python package such as
-            ``pybullet_data``.
-
-    Raises:
-        ValueError: there is no such package.
+    PACKAGE is a ROS or Python package, such as ``pybullet_data``; raises ValueError if there is none.
     """
     if not name.startswith(PACKAGE):
         return Path(name)
@@ -38,12 +33,7 @@ def located(name: str) -> Path:
 
 
 def read_urdf(file: Path) -> ElementTree.Element:
-    """Read a URDF and return its root element.
-
-    Raises:
-        ValueError: the file is not a URDF.
-        OSError: the file cannot be read.
-    """
+    """Read a URDF and return its root element; raise ValueError if the file is not a URDF."""
     try:
         root = ElementTree.fromstring(read_whole(file))
     except (ElementTree.ParseError, ValueError) as error:
@@ -56,14 +46,7 @@ def read_limits(file: Path, joints: Iterable[str]) -> tuple[Array, Array, Array,
     """Return the limits of joints in a URDF: lower and upper positions, velocities and efforts, each (joints,).
 
     An omitted range is 0, as the URDF specification says; a continuous joint has no range, infinity means no limit.
-
-    Args:
-        file: the URDF; xacro is not expanded.
-        joints: their names.
-
-    Raises:
-        ValueError: the file is not a URDF, or a joint is missing or has no limits.
-        OSError: the file cannot be read.
+    Raises ValueError if a joint is missing or has no limits. Xacro is not expanded.
     """
     elements = {element.get("name", ""): element for element in read_urdf(file).findall("joint")}
     limits = [_limits(pick(name, elements, f"joint of {file}"), f"{file}: joint '{name}'") for name in joints]
