@@ -66,7 +66,7 @@ class _TwoLines(Progress):
 
 @contextmanager
 def progress_bar(
-    training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None, is_robot: bool = False
+    training: Training, done: int = 0, *, quiet: bool = False, folder: Path | None = None
 ) -> Iterator[Show]:
     """Show the progress of a run on standard error; yield a function to call after each iteration.
 
@@ -75,71 +75,31 @@ def progress_bar(
         done: number of iterations before a resumed run.
         quiet: show nothing.
         folder: folder of the results, which each line names.
-        is_robot: whether the task runs on a robot; if so, the line about the action repeat suggests a longer period.
     """
     console = bar_console(quiet=quiet)
-    if console.is_terminal or console.is_jupyter or quiet:
-        with _bar(training, done, console, quiet=quiet, is_robot=is_robot) as show:
-            yield show
-    else:
-        yield _lines(training, folder, is_robot=is_robot)
-
-
-@contextmanager
-def _bar(training: Training, done: int, console: Console, *, quiet: bool, is_robot: bool) -> Iterator[Show]:
-    with _TwoLines(*bar_columns(), console=console, disable=quiet) as progress:
+    is_bar = console.is_terminal or console.is_jupyter
+    evaluation, due = "-", 0.0  # last evaluation return; monotonic time of the next line in seconds
+    with _TwoLines(*bar_columns(), console=console, disable=quiet or not is_bar) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
-        mean = "-"  # last evaluation return
 
         def show(iteration: Iteration, advice: Advice | None = None) -> None:
-            nonlocal mean
+            nonlocal evaluation, due
             if len(iteration.evaluation):
-                mean = f"{iteration.evaluation_return:.4g}"
-            text = f"return {iteration.exploration_return:.4g}, evaluation {mean}{_model(iteration)}"
-            progress.update(bar, advance=1, returns=text)
-            for line in _notes(iteration, training, advice, is_robot=is_robot):
-                console.print(line, markup=False, highlight=False)
+                evaluation = f"{iteration.evaluation_return:.4g}"
+            returns = f"return {iteration.exploration_return:.4g}, evaluation {evaluation}{_model(iteration)}"
+            progress.update(bar, advance=1, returns=returns)
+            count = f"{training.name}: iteration {iteration.number}"
+            found = " ".join(settings_of(iteration.before, iteration.known))
+            lines = [f"{training.name}: found {found}"] if found else []
+            lines += [f"{count}: {advice}"] if advice is not None else []
+            if not is_bar and (time.monotonic() >= due or iteration.number == training.iterations):
+                results = f"; {folder}" if folder else ""
+                lines.insert(0, f"{count} of {training.iterations}, {returns}{results}")
+                due = time.monotonic() + LINE_PERIOD_S
+            for line in lines:
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
 
         yield show
-
-
-def _lines(training: Training, folder: Path | None, *, is_robot: bool) -> Show:
-    due = 0.0  # monotonic time, seconds
-    results = f"; {folder}" if folder else ""
-
-    def show(iteration: Iteration, advice: Advice | None = None) -> None:
-        nonlocal due
-        if time.monotonic() >= due or iteration.number == training.iterations:
-            mean = f", evaluation {iteration.evaluation_return:.4g}" if len(iteration.evaluation) else ""
-            mean += _undiscounted(iteration, training)
-            line = f"{training.name}: iteration {iteration.number} of {training.iterations}, "
-            text = f"{line}return {iteration.exploration_return:.4g}{mean}{_model(iteration)}{results}"
-            print(text, file=sys.stderr, flush=True)
-            due = time.monotonic() + LINE_PERIOD_S
-        for line in _notes(iteration, training, advice, is_robot=is_robot):
-            print(line, file=sys.stderr, flush=True)
-
-    return show
-
-
-def _notes(iteration: Iteration, training: Training, advice: Advice | None, *, is_robot: bool) -> Iterator[str]:
-    """Yield a line with the settings that an iteration has found, and a line with the advice for it.
-
-    A robot whose policy now holds its actions gets the period at which it would decide as often without that.
-    """
-    if found := " ".join(settings_of(iteration.before, iteration.known)):
-        repeat = iteration.policy.action_repeat
-        is_slower = is_robot and repeat not in (1, iteration.before.action_repeat)
-        period = f"; a period {repeat} times as long gives the same decision rate" if is_slower else ""
-        yield f"{training.name}: found {found}{period}"
-    if advice is not None:
-        yield f"{training.name}: iteration {iteration.number}: {advice}"
-
-
-def _undiscounted(iteration: Iteration, training: Training) -> str:
-    """Return the undiscounted evaluation return in brackets; empty without a discount or an evaluation."""
-    shows = training.discount < 1 and len(iteration.evaluation)
-    return f" (undiscounted {iteration.undiscounted_evaluation_return:.4g})" if shows else ""
 
 
 def _model(iteration: Iteration) -> str:

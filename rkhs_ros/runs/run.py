@@ -94,7 +94,7 @@ def training_steps(
             events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
             report = Report(folder, config, runner.spaces, rows, policies)  # replaces earlier results from here on
             is_robot = bool(config.environment.nodes)
-            bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder, is_robot=is_robot)
+            bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder)
             with finished(report), events as log_row, bar as show:
                 earlier = [
                     Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)

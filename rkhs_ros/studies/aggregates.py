@@ -5,7 +5,6 @@ Statistical Precipice". A stratum contains the runs with equal settings: the boo
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ CONFIDENCE = 0.95
 RESAMPLES = 10_000
 BATCH_NUMBERS = 10**7  # drawn at once
 SEED = 0
-Statistic = Callable[..., Any]
 
 
 class Estimate(NamedTuple):
@@ -33,27 +31,12 @@ class Estimate(NamedTuple):
         return f"{self.value:.5g}{interval}"
 
 
-@dataclass(frozen=True)
-class Aggregates:
-    """Statistics of the runs of a learning curve.
+def aggregates(episodes: Array, returns: Array) -> dict[str, Any]:
+    """Return statistics of the runs of a learning curve by name.
 
-    Attributes:
-        final: mean of the final returns.
-        best: mean of the greatest return of each run.
-        interquartile_mean: interquartile mean of the final returns.
-        median: median of the final returns.
-        area_under_curve: mean return over the exploration episodes, from the first evaluation to the last.
-    """
-
-    final: Estimate
-    best: Estimate
-    interquartile_mean: Estimate
-    median: float
-    area_under_curve: float
-
-
-def aggregates(episodes: Array, returns: Array) -> Aggregates:
-    """Return the statistics of runs.
+    These are the means of the final returns and of the greatest return of each run, the interquartile mean and the
+    median of the final returns, and the mean return over the exploration episodes, from the first evaluation to the
+    last. The first three are estimates with intervals.
 
     Args:
         episodes: number of exploration episodes up to each iteration, shape (iterations,).
@@ -61,13 +44,13 @@ def aggregates(episodes: Array, returns: Array) -> Aggregates:
     """
     final, span = returns[:, -1], episodes[-1] - episodes[0]
     areas = trapezoid(returns, episodes) / span if span > 0 else final
-    return Aggregates(
-        final=mean_over_runs(final),
-        best=mean_over_runs(returns.max(axis=1)),
-        interquartile_mean=_estimate(_interquartile_mean, final),
-        median=float(np.median(final)),
-        area_under_curve=float(np.mean(areas)),
-    )
+    return {
+        "final": mean_over_runs(final),
+        "best": mean_over_runs(returns.max(axis=1)),
+        "interquartile_mean": _estimate(_interquartile_mean, final),
+        "median": float(np.median(final)),
+        "area_under_curve": float(np.mean(areas)),
+    }
 
 
 def mean_over_runs(values: Array) -> Estimate:
@@ -86,7 +69,7 @@ def _interquartile_mean(values: Array, axis: int) -> Any:
     return trim_mean(values, 0.25, axis=axis)
 
 
-def _estimate(statistic: Statistic, values: Array) -> Estimate:
+def _estimate(statistic: Callable[..., Any], values: Array) -> Estimate:
     """Return a statistic with its percentile bootstrap interval, which is deterministic."""
     value = statistic(values, axis=0)
     if len(values) == 1:

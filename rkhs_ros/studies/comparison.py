@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
-from rkhs_ros.base.validation import require, truncated
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import INITIAL_POLICY
-from rkhs_ros.studies.aggregates import Aggregates, Estimate, aggregates, mean_over_runs
+from rkhs_ros.studies.aggregates import Estimate, aggregates, mean_over_runs
 
 NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs
 Line = Mapping[str, Any]  # of a table, by column; all lines have the same columns
@@ -63,10 +61,6 @@ class LearningCurve:
     returns: Array
     is_evaluation: bool
 
-    def aggregates(self) -> Aggregates:
-        """Return the statistics of the runs."""
-        return aggregates(self.episodes, self.returns)
-
     def summary(self) -> str:
         """Return the mean final return of the runs in one line."""
         final = mean_over_runs(self.returns[:, -1])
@@ -92,8 +86,11 @@ class Comparison:
     @property
     def table(self) -> list[dict[str, Any]]:
         """The statistics of each curve by name, for `as_csv` and the like."""
-        sizes = [{"runs": len(c.returns), "episodes": float(c.episodes[-1]), "steps": c.steps} for c in self.curves]
-        return [{"curve": c.label, **size, **vars(c.aggregates())} for c, size in zip(self.curves, sizes, strict=True)]
+        return [
+            {"curve": c.label, "runs": len(c.returns), "episodes": float(c.episodes[-1]), "steps": c.steps}
+            | aggregates(c.episodes, c.returns)
+            for c in self.curves
+        ]
 
     def __str__(self) -> str:
         """Return the table in Markdown, followed by the caption and the notes."""
@@ -112,7 +109,10 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
         OSError: a file cannot be read.
     """
     require(len(places) > 0, "compare", "at least one run's folder", "none")
-    runs, notes = _with_rows(_found(places))
+    found = _found(places)
+    runs = [run for run in found if run.rows]
+    require(len(runs) > 0, f"{found[0].folder}", "a run with at least one iteration", "none")
+    notes = [f"Omitted, since it has no finished iteration: {run.folder}." for run in found if not run.rows]
     groups = _grouped(runs)
     task = _common_task(runs)
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
@@ -145,13 +145,6 @@ def _is_run(folder: Path) -> bool:
     return all((folder / name).is_file() for name in ("config.yaml", "curve.csv"))
 
 
-def _with_rows(runs: list[Run]) -> tuple[list[Run], list[str]]:
-    """Return the runs with at least one iteration, and a note on each of the others."""
-    started = [run for run in runs if run.rows]
-    require(len(started) > 0, f"{runs[0].folder}", "a run with at least one iteration", "none")
-    return started, [f"Omitted, since it has no finished iteration: {run.folder}." for run in runs if not run.rows]
-
-
 def _grouped(runs: list[Run]) -> list[list[Run]]:
     """Return the runs grouped by their settings and initial policies.
 
@@ -163,15 +156,10 @@ def _grouped(runs: list[Run]) -> list[list[Run]]:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
         given = run.folder / INITIAL_POLICY
         key = repr((sorted(settings.items()), given.is_file() and given.read_bytes()))
-        group, seed = groups.setdefault(key, {}), run.config.training.seed
+        same = groups.setdefault(key, {}).setdefault(run.config.training.seed, run)
         expected = "settings or a seed that no other run has"
-        require(seed not in group, f"{run.folder}", expected, f"those of {_folder(group, seed)}")
-        group[seed] = run
+        require(same is run, f"{run.folder}", expected, f"those of {same.folder}")
     return [list(group.values()) for group in groups.values()]
-
-
-def _folder(group: dict[int, Run], seed: int) -> str:
-    return str(group[seed].folder) if seed in group else ""
 
 
 def _common_task(runs: list[Run]) -> Task:
@@ -214,11 +202,10 @@ def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
     returns = column("evaluation_return")
     episodes, steps = (column(name).mean(axis=0) for name in ("episodes", "steps"))
     evaluated = ~np.isnan(returns).any(axis=0)
-    if not evaluated.any():
-        return LearningCurve(label, episodes, float(steps[-1]), column("exploration_return"), is_evaluation=False)
-    return LearningCurve(
-        label, episodes[evaluated], float(steps[evaluated][-1]), returns[:, evaluated], is_evaluation=True
-    )
+    is_evaluation = bool(evaluated.any())
+    if not is_evaluation:
+        evaluated, returns = ~evaluated, column("exploration_return")
+    return LearningCurve(label, episodes[evaluated], float(steps[evaluated][-1]), returns[:, evaluated], is_evaluation)
 
 
 def as_csv(lines: Sequence[Line]) -> str:
@@ -237,17 +224,6 @@ def as_markdown(lines: Sequence[Line]) -> str:
     widths = [max(map(len, column)) for column in zip(head, *body, strict=True)]
     rows = [head, ["-" * width for width in widths], *body]
     return "".join(f"| {' | '.join(map(str.ljust, row, widths))} |\n" for row in rows)
-
-
-def as_table(lines: Sequence[Line]) -> Table:
-    """Return a table for a terminal, narrow enough for 80 columns."""
-    table = Table(box=None, pad_edge=False)
-    for name in lines[0]:
-        table.add_column(name.replace("_", "\n"), no_wrap=name != "curve", overflow="fold")
-    for line in lines:
-        label, *values = line.values()
-        table.add_row(Text(truncated(label)), *(Text(_text(value).replace(" ", "\n")) for value in values))
-    return table
 
 
 def _numbers(line: Line) -> Iterator[tuple[str, object]]:

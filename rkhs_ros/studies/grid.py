@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import product
-from math import inf, prod
+from math import inf
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -20,58 +19,37 @@ from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.report import provenance
 
-MOST_POINTS = 10_000
 OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable
 OF_THE_COUNT = ("seed", "name", "timeout")  # do not change how a run learns
 
 
-@dataclass(frozen=True)
-class Variation:
-    """A setting and the values that it takes."""
-
-    name: str
-    values: tuple[Any, ...]
-
-    @property
-    def changes(self) -> list[str]:
-        """Changes of a configuration, one per value."""
-        return [f"{self.name}={json.dumps(value)}" for value in self.values]
-
-
-def parse_variations(texts: Iterable[str]) -> tuple[Variation, ...]:
-    """Parse texts such as ``algorithm.ridge=1e-3,1e-2``; the values are YAML.
+def parse_variations(texts: Iterable[str]) -> dict[str, list[Any]]:
+    """Return the values of each varied setting from texts such as ``algorithm.ridge=1e-3,1e-2``, whose values are YAML.
 
     Raises:
-        ValueError: a text is not ``KEY=VALUE,VALUE ...``, a setting makes the returns incomparable, a setting is given
-            twice, or the grid has too many points.
+        ValueError: a text is not ``KEY=VALUE,VALUE ...``, a setting makes the returns incomparable, or a setting or a
+            value is given twice.
     """
-    varied = tuple(map(_varied, texts))
-    names = [each.name for each in varied]
-    require(len(varied) > 0, "--vary", "KEY=VALUE,VALUE ...", "nothing")
-    require(len(set(names)) == len(names), "--vary", "each setting once", " ".join(names))
-    points = prod(len(each.values) for each in varied)
-    require(points <= MOST_POINTS, "--vary", f"a grid of at most {MOST_POINTS} points", points)
+    varied: dict[str, list[Any]] = {}
+    for text in texts:
+        name, equals, values = (part.strip() for part in text.partition("="))
+        require(bool(name and equals and values), "--vary", "KEY=VALUE,VALUE ...", f"'{text}'")
+        require(name not in varied, "--vary", "each setting once", name)
+        require(name not in OF_THE_COUNT, "--vary", "settings of the learner (use --seeds for seeds)", name)
+        same_task = name not in OF_THE_TASK and not name.startswith("environment")
+        require(same_task, "--vary", "settings that do not change the task, so that the returns are comparable", name)
+        try:
+            varied[name] = loaded(f"[{values}]")
+        except ValueError as error:
+            raise ValueError(f"--vary: expected values in YAML, got '{text}'") from error
+        distinct = set(map(json.dumps, varied[name]))
+        require(len(distinct) == len(varied[name]), f"--vary: {name}", "distinct values", values)
     return varied
 
 
-def _varied(text: str) -> Variation:
-    name, equals, values = (part.strip() for part in text.partition("="))
-    require(bool(name and equals and values), "--vary", "KEY=VALUE,VALUE ...", f"'{text}'")
-    require(name not in OF_THE_COUNT, "--vary", "settings of the learner (use --seeds for seeds)", name)
-    same_task = name not in OF_THE_TASK and not name.startswith("environment")
-    require(same_task, "--vary", "settings that do not change the task, so that the returns are comparable", name)
-    try:
-        given = loaded(f"[{values}]")
-    except ValueError as error:
-        raise ValueError(f"--vary: expected values in YAML, got '{text}'") from error
-    distinct = {json.dumps(value) for value in given}
-    require(len(distinct) == len(given), f"--vary: {name}", "distinct values", values)
-    return Variation(name, tuple(given))
-
-
-def points(varied: Sequence[Variation]) -> list[tuple[str, ...]]:
+def points(varied: Mapping[str, Sequence[Any]]) -> list[tuple[str, ...]]:
     """Return the changes of the configuration for each point of the grid."""
-    return list(product(*(each.changes for each in varied)))
+    return list(product(*([f"{name}={json.dumps(each)}" for each in values] for name, values in varied.items())))
 
 
 def require_evaluated(config: Config) -> None:

@@ -7,9 +7,6 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-from rich.console import Console
-from rich.text import Text
-
 from rkhs_ros.app.inline import runner_of, warn_of_horizon
 from rkhs_ros.app.study import add_jobs_argument, make_missing, parse_seeds, report_failures
 from rkhs_ros.base.endings import FAILED, INTERRUPTED
@@ -22,7 +19,7 @@ from rkhs_ros.pictures.run_pictures import draw_comparison, format_of
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies import grid
-from rkhs_ros.studies.comparison import CAPTION, as_csv, as_markdown, as_table, compare
+from rkhs_ros.studies.comparison import as_csv, as_markdown, compare
 
 MOST_DRAWN = 8  # curves that a reader can distinguish
 Point = tuple[str, ...]  # changes of the configuration
@@ -43,16 +40,10 @@ def _compare(options: argparse.Namespace) -> int:
     comparison = compare(options.folders)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     draw_comparison(options.out, comparison)
-    table = comparison.table
-    files = {options.out.with_suffix(".csv"): as_csv(table), options.out.with_suffix(".md"): str(comparison)}
+    files = {options.out.with_suffix(".csv"): as_csv(comparison.table), options.out.with_suffix(".md"): str(comparison)}
     for path, content in files.items():
         write_whole(path, content.encode())
-    console = Console()
-    if console.is_terminal:  # fit the table to its width
-        about = [CAPTION.replace("\n", " "), *comparison.notes]
-        console.print(as_table(table), *(Text(f"\n{each}") for each in about), "", sep="\n")
-    else:
-        print(comparison)
+    print(comparison)
     print(f"Picture and tables: {', '.join(map(str, [options.out, *files]))}")
     return 0
 
@@ -93,6 +84,8 @@ def _sweep(options: argparse.Namespace) -> int:
             warn_of_horizon(runner.simulation, first.training.horizon, given=first.sets_horizon)
     name = first.training.name
     out = (options.out or Path("results", "sweeps", name)).resolve()
+    in_use = out.is_dir() and any(out.iterdir()) and not (out / "runs").is_dir()
+    require(not in_use, f"{out}", "a new or empty folder, or that of a sweep", "one in use")
     folders = {key: grid.indexed_folder(out, config) for key, config in configs.items()}
     runs = {folders[key]: config for key, config in configs.items()}
     try:
@@ -103,7 +96,7 @@ def _sweep(options: argparse.Namespace) -> int:
     report_failures(failures)
     done = {key: folder for key, folder in folders.items() if folder not in failures}
     if done:
-        _write(out, [each.name for each in varied], done, options.thresholds)
+        _write(out, list(varied), done, options.thresholds)
     return FAILED if failures else 0
 
 

@@ -64,7 +64,6 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     assert out == ""
     assert [line.split()[2] for line in lines] == numbers
     assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, evaluation " in lines[-1]
-    assert " (undiscounted " in lines[-1]
 
 
 def test_the_remaining_time_follows_from_the_last_iterations() -> None:

@@ -56,15 +56,15 @@ def test_aggregates_match_an_independent_computation(runs: int) -> None:
     episodes = np.array([5.0, 10.0, 30.0, 40.0, 80.0])
     found = aggregates(episodes, returns)
     final, cut = np.sort(returns[:, -1]), runs // 4
-    assert found.final.value == pytest.approx(sum(final) / runs)
-    assert found.best.value == pytest.approx(sum(max(row) for row in returns.tolist()) / runs)
-    assert found.interquartile_mean.value == pytest.approx(sum(final[cut : runs - cut]) / (runs - 2 * cut))
-    assert found.median == pytest.approx((final[(runs - 1) // 2] + final[runs // 2]) / 2)
+    assert found["final"].value == pytest.approx(sum(final) / runs)
+    assert found["best"].value == pytest.approx(sum(max(row) for row in returns.tolist()) / runs)
+    assert found["interquartile_mean"].value == pytest.approx(sum(final[cut : runs - cut]) / (runs - 2 * cut))
+    assert found["median"] == pytest.approx((final[(runs - 1) // 2] + final[runs // 2]) / 2)
     areas = [
         sum((row[k] + row[k + 1]) / 2 * (episodes[k + 1] - episodes[k]) for k in range(4)) / 75.0
         for row in returns.tolist()
     ]
-    assert found.area_under_curve == pytest.approx(sum(areas) / runs)
+    assert found["area_under_curve"] == pytest.approx(sum(areas) / runs)
 
 
 def test_intervals_are_percentiles_of_bootstrap_means() -> None:
@@ -74,7 +74,7 @@ def test_intervals_are_percentiles_of_bootstrap_means() -> None:
     estimate = mean_over_runs(final)
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
     middle = np.sort(drawn, axis=1)[:, 3:9].mean(axis=1)
-    estimate = aggregates(np.arange(1.0), final[:, None]).interquartile_mean
+    estimate = aggregates(np.arange(1.0), final[:, None])["interquartile_mean"]
     low, high = np.percentile(middle, [2.5, 97.5])
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
 
@@ -89,9 +89,9 @@ def test_the_bootstrap_resamples_whole_runs_deterministically() -> None:
 
 def test_a_single_run_has_no_interval() -> None:
     single = aggregates(np.array([10.0]), np.array([[3.0]]))
-    assert (single.final.value, single.median, single.area_under_curve) == (3.0, 3.0, 3.0)
-    assert np.isnan([single.final.low, single.final.high, single.best.low]).all()
-    assert str(single.final) == "3"
+    assert (single["final"].value, single["median"], single["area_under_curve"]) == (3.0, 3.0, 3.0)
+    assert np.isnan([single["final"].low, single["final"].high, single["best"].low]).all()
+    assert str(single["final"]) == "3"
 
 
 # Selection of runs

@@ -37,8 +37,7 @@ def test_a_grid_has_each_combination_once(values: dict[str, list[int]]) -> None:
 
 
 def test_values_are_yaml_so_that_lists_and_words_can_be_varied() -> None:
-    (varied,) = parse_variations(["exploration_sd=range, [1, 2],0.5"])
-    assert varied.values == ("range", [1, 2], 0.5)
+    assert parse_variations(["exploration_sd=range, [1, 2],0.5"]) == {"exploration_sd": ["range", [1, 2], 0.5]}
 
 
 def row(episodes: int, value: float) -> Row:
