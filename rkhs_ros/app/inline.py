@@ -13,6 +13,7 @@ import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.training import train
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
@@ -54,10 +55,10 @@ def untuned_config(environment: str, changes: Sequence[str]) -> Config:
     return config_for(environment, limit, changes)
 
 
-def warn_of_horizon(simulation: Simulation, horizon: int, *, given: bool) -> None:
-    """Print a note if the horizon, which the user may have given, differs from the environment's time limit."""
+def warn_of_horizon(simulation: Simulation, horizon: int) -> None:
+    """Print a note if the horizon differs from the environment's time limit, or both have been left open."""
     name, limit = simulation.environment, simulation.time_limit
-    if limit is None and not given:
+    if limit is None and horizon == Training.horizon:
         note = f"{name} declares no time limit; episodes end after {horizon} steps. Set horizon=N to change that"
     elif limit not in (None, horizon):
         note = f"{horizon} steps, instead of the {limit} steps of {name}"

@@ -201,7 +201,7 @@ def _results(
             _make_folder(Path(out), config, given, resume=resume)
         undo.pop_all()
     if "horizon" not in settings:
-        warn_of_horizon(simulation, training.horizon, given=False)
+        warn_of_horizon(simulation, training.horizon)
     runner = InlineRunner(simulation)
     if out is None:
         return _run(config, runner, _in_memory(training, runner, first, quiet))

@@ -1,7 +1,7 @@
 """Validate values with messages that name the expected value, the value given and the closest valid name."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -71,18 +71,19 @@ def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
         known: the known names.
         path: prefix of the suggested names.
     """
-    near = nearest(name, known)
-    if near:
+    if near := nearest(name, known):
         return f"did you mean {' or '.join(repr(path + each) for each in near)}?"
     if not known:
         return "there are none here"
     return f"known: {', '.join(sorted(known))}" if len(known) <= MOST_LISTED else f"none of {len(known)} is similar"
 
 
-def nearest(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that begin with a name, or the most similar ones."""
-    begun = sorted(each for each in known if name and each.startswith(name))
-    return begun[:MOST_MEANT] or _like(truncated(name), known)
+def nearest(name: str, known: Mapping[str, Any]) -> list[str]:
+    """Return the known names that begin or end with a name, or the most similar one."""
+    word = truncated(name)
+    parts = sorted(each for each in known if word and (each.startswith(word) or each.endswith(f"_{word}")))
+    plain = {each.lower(): each for each in known}
+    return parts[:MOST_MEANT] or [plain[each] for each in get_close_matches(word.lower(), plain, n=1)]
 
 
 class NamedFields:
@@ -95,17 +96,6 @@ class NamedFields:
             if name not in known:
                 raise TypeError(f"{cls.__name__}: unknown setting '{truncated(name)}', {hint(name, known)}")
         return super().__new__(cls)
-
-
-def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return names that end in this word, names that differ only in case and punctuation, and the closest name."""
-    plain = {each: _plain(each) for each in known}
-    same = [each for each in sorted(plain) if name and (each.endswith(f"_{name}") or plain[each] == _plain(name))]
-    return list(dict.fromkeys([*same[:MOST_MEANT], *get_close_matches(name, plain, n=1)]))
-
-
-def _plain(name: str) -> str:
-    return "".join(filter(str.isalnum, name)).lower()
 
 
 def numbers(*counts: int) -> str:

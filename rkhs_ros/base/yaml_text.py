@@ -1,8 +1,8 @@
 """Read and write YAML with the same types as ROS parameter files, and match their sections to nodes.
 
 PyYAML reads 1e5 and nan as text and 1:30 as a number, and it recognises dates; ROS does not, and neither does this
-reader. It limits the size and depth of untrusted text. It rejects aliases, which ROS does not support and which can
-expand without bound.
+reader. It limits the size of untrusted text, and rejects aliases, which ROS does not support and which can expand
+without bound.
 """
 
 import re
@@ -16,7 +16,6 @@ from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import require, truncated
 
 MOST_BYTES = 100_000  # of a text; PyYAML needs about a second for it
-MOST_DEPTH = 20  # nested sections
 MOST_INT64 = 2**63 - 1
 NUMBER_WORDS = r"[-+]?(?:\.(?:inf|Inf|INF)|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])|\.(?:nan|NaN|NAN)"
 BOOLS = r"y|Y|yes|Yes|YES|true|True|TRUE|on|On|ON|n|N|no|No|NO|false|False|FALSE|off|Off|OFF"
@@ -33,7 +32,7 @@ RESERVED = re.compile("|".join(RESOLVERS.values()))
 
 
 class _Reader(yaml.SafeLoader):
-    """A YAML loader that makes plain values only and tracks its depth."""
+    """A YAML loader that makes plain values only."""
 
     yaml_implicit_resolvers = {
         None: [(TAG + kind, re.compile(rf"(?:{pattern})\Z")) for kind, pattern in RESOLVERS.items()]
@@ -41,18 +40,12 @@ class _Reader(yaml.SafeLoader):
     yaml_constructors = {tag: made for tag, made in yaml.SafeLoader.yaml_constructors.items() if tag in {
         *(TAG + kind for kind in KINDS), None}}  # fmt: skip
     bool_values = yaml.SafeLoader.bool_values | {"y": True, "n": False}
-    depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise yaml.YAMLError(f"line {event.start_mark.line + 1}: anchors and aliases, which ROS does not support")
-        self.depth += 1
-        if self.depth > MOST_DEPTH:
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: more than {MOST_DEPTH} nested sections")
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         for key, _ in node.value:
@@ -81,31 +74,20 @@ def loaded(text: str) -> Any:
     """Parse YAML text.
 
     Raises:
-        ValueError: the text is not YAML, too large or too deep, or has aliases.
+        ValueError: the text is not YAML, too large, or has aliases.
     """
     require(len(text) <= MOST_BYTES, "text", f"at most {MOST_BYTES} characters", "more")
     try:
         return yaml.load(text, _Reader)  # makes plain values only
-    except yaml.MarkedYAMLError as error:
-        raise ValueError(_located(text, error)) from error
-    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: a number with very many digits
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number with very many digits
         raise ValueError(truncated(error)) from error
-
-
-def _located(text: str, error: yaml.MarkedYAMLError) -> str:
-    """Return where the parser failed, the line there, and why."""
-    lines, mark = text.splitlines(), error.problem_mark
-    if mark is None or mark.line >= len(lines):
-        return f"at its end: {truncated(error.problem)}"
-    line = truncated(repr(lines[mark.line].strip()))
-    return f"line {mark.line + 1}, column {mark.column + 1}, {line}: {truncated(error.problem)}"
 
 
 def read_yaml(path: Path) -> Any:
     """Read a YAML file.
 
     Raises:
-        ValueError: the file is not YAML, too large or too deep, or has aliases; the message names it.
+        ValueError: the file is not YAML, too large, or has aliases; the message names it.
         OSError: the file cannot be read.
     """
     content = read_whole(path, MOST_BYTES)
@@ -150,9 +132,7 @@ def _is_ros_scalar(value: Any) -> bool:
 
 
 PARAMETERS = "ros__parameters"  # the key below the name of a node
-# Sections for these nodes in any namespace.
-SIMULATOR, POLICY, LEARNER = "/**/simulator", "/**/policy", "/**/learner"
-ROBOT, GATE, SIMULATED_ROBOT = "/**/robot", "/**/gate", "/**/simulated_robot"
+LEARNER, ROBOT = "/**/learner", "/**/robot"  # sections for these nodes in any namespace
 WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full name, and for any number of parts
 
 

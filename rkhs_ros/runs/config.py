@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -76,12 +76,10 @@ class Config:
     Attributes:
         environment: settings of the environment.
         training: settings of the learner.
-        sets_horizon: whether the settings include the horizon, which otherwise has its default.
     """
 
     environment: Environment
     training: Training
-    sets_horizon: bool = field(default=True, compare=False)
 
     @property
     def task(self) -> Task:
@@ -167,7 +165,12 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         raise ValueError(f"{path}: expected a configuration file, got a folder{remedy}")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
-    return _config_in(_sections(path), path, changes)
+    sections = _sections(path)
+    try:
+        _config_in(sections, path.stem, ())  # without the changes, whose errors do not name the file
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return _config_in(sections, path.stem, changes)
 
 
 def config_of(configuration: str, changes: Iterable[str] = ()) -> Config:
@@ -178,23 +181,28 @@ def config_of(configuration: str, changes: Iterable[str] = ()) -> Config:
     """
     document = loaded(configuration)
     sections = {name.rpartition("/")[2]: section[PARAMETERS] for name, section in document.items()}
-    return _config_in(sections, Path("recording"), changes)
+    return _config_in(sections, "run", changes)
 
 
-def _config_in(sections: Mapping[str, dict[str, Any]], path: Path, changes: Iterable[str]) -> Config:
-    robot = {name: sections[name] for name in ROBOT_NODES if name in sections}
+def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Iterable[str]) -> Config:
+    """Return the configuration in the sections of a file, with a default for its name and some settings replaced."""
+    robot = {node: sections[node] for node in ROBOT_NODES if node in sections}
+    learner, simulator = sections["learner"], sections.get("simulator", {})
+    tree = {"name": name, **learner, "environment": {**learner, **simulator}.get("environment", {})}
     if robot:
-        require("simulator" not in sections, f"{path}", "either a simulator or a robot", "both")
-        missing = [name for name in ROBOT_NODES[:2] if name not in robot]
-        require(not missing, f"{path}", "sections /**/robot and /**/gate", f"no {', no '.join(missing)}")
-        require(bool(sections["learner"]), f"{path}", "a section /**/learner, which is required for robots", "none")
-        settings = {key: value for key, value in sections["learner"].items() if key != "environment"}
-        return _changed({"name": path.stem, **settings, **robot}, changes)
-    environment = {**sections["learner"], **sections.get("simulator", {})}.get("environment", {})
-    tree = {"name": path.stem, **sections["learner"], "environment": environment}
-    unknown = [key for key in sections.get("simulator", {}) if key != "environment"]
-    require(not unknown, f"{path}: simulator", "the key 'environment'", ", ".join(map(str, unknown)))
-    return _changed(tree, changes)
+        require("simulator" not in sections, "sections", "either a simulator or a robot", "both")
+        missing = [node for node in ROBOT_NODES[:2] if node not in robot]
+        require(not missing, "sections", "/**/robot and /**/gate", f"no {', no '.join(missing)}")
+        require(bool(learner), "sections", "/**/learner, which is required for robots", "none")
+        tree = tree_of(changes, tree | robot)
+        environment = environment_of_robot({node: tree.pop(node) for node in robot})
+        del tree["environment"]
+    else:
+        unknown = [key for key in simulator if key != "environment"]
+        require(not unknown, "simulator", "the key 'environment'", ", ".join(map(str, unknown)))
+        tree = tree_of(changes, tree)
+        environment = environment_from(tree.pop("environment"))
+    return Config(environment, training_from(tree))
 
 
 def _nearest(path: Path) -> str:
@@ -224,9 +232,8 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     algorithm = _named(chosen, "algorithm", "name", "rkhs_nac")
     model = _named(chosen, "model", "form", "gaussian_process")
     steps = chosen.get("horizon", horizon or Training.horizon)
-    tree = {"name": name_of_run(environment), "environment": {"id": environment}}
-    config = _changed(tree | settings_for(algorithm, model, steps), changes)
-    return replace(config, sets_horizon=horizon is not None or "horizon" in chosen)
+    tree = {"name": name_of_run(environment), **settings_for(algorithm, model, steps)}
+    return _config_in({"learner": tree | {"environment": {"id": environment}}}, "run", changes)
 
 
 def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:
@@ -238,14 +245,6 @@ def _named(tree: Mapping[str, Any], group: str, key: str, default: str) -> str:
 def name_of_run(environment: str) -> str:
     """Return the default name of a run on an environment, a valid folder name."""
     return re.sub(r"\W+", "_", environment.rpartition(":")[2]).strip("_").lower() or "run"
-
-
-def _changed(tree: dict[str, Any], changes: Iterable[str]) -> Config:
-    """Return the configuration of a tree of settings with some of them replaced."""
-    tree = tree_of(changes, tree)
-    nodes = {name: tree.pop(name) for name in ROBOT_NODES if name in tree}
-    environment = environment_of_robot(nodes) if nodes else environment_from(tree.pop("environment"))
-    return Config(environment, training_from(tree), "horizon" in tree)
 
 
 def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 grid.require_evaluated(config)
                 first_state(config.training, runner.spaces)
         if not options.quiet:
-            warn_of_horizon(runner.simulation, first.training.horizon, given=first.sets_horizon)
+            warn_of_horizon(runner.simulation, first.training.horizon)
     name = first.training.name
     out = (options.out or Path("results", "sweeps", name)).resolve()
     in_use = out.is_dir() and any(out.iterdir()) and not (out / "runs").is_dir()

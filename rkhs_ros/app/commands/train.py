@@ -122,7 +122,7 @@ def _checked(options: argparse.Namespace, config: Config) -> tuple[InlineRunner 
     policy = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces if runner else check_robot(config), policy)
     if runner and not options.quiet and not options.resume:  # a resumed run has printed it
-        warn_of_horizon(runner.simulation, config.training.horizon, given=config.sets_horizon)
+        warn_of_horizon(runner.simulation, config.training.horizon)
     return runner, policy
 
 

@@ -48,8 +48,8 @@ def test_invalid_sections_are_refused_before_any_node_starts(
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ("/**/gate", "expected sections /**/robot and /**/gate, got no gate"),
-        ("/**/learner", "expected a section /**/learner, which is required for robots, got none"),
+        ("/**/gate", "expected /**/robot and /**/gate, got no gate"),
+        ("/**/learner", "expected /**/learner, which is required for robots, got none"),
     ],
 )
 def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> None:
