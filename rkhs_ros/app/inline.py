@@ -79,6 +79,12 @@ def add_environment_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--env", metavar="ID", help=about)
 
 
+def add_settings_argument(parser: argparse.ArgumentParser, example: str) -> None:
+    """Declare the option that replaces settings."""
+    about = f"settings to replace, such as {example}"
+    parser.add_argument("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+
+
 @contextmanager
 def load_acting(
     policy: Policy | str | Path, source: Source | None = None

@@ -1,19 +1,21 @@
-"""Launcher of the nodes of a run: starts a process per node, and stops all when one ends."""
+"""Launcher of the nodes of a run, and their ROS domain: starts a process per node, and stops all when one ends."""
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import FrameType
 
-from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, deferred_signals
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, RunError, deferred_signals
+from rkhs_ros.base.files import locked, write_whole
 from rkhs_ros.base.processes import python, terminate_with_parent
+from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, ROBOT, dumped, require_ros_value
 from rkhs_ros.nodes.core.transport import node_names
 from rkhs_ros.runs.config import Config
@@ -25,6 +27,10 @@ POLL_INTERVAL_S = 0.05
 MOST_RESUMES, WINDOW_S = 5, 300.0  # of a run within the window; one more fault ends it
 LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot
 OWN_CODES = (0, FAILED, BAD_INPUT, RESUMABLE, INTERRUPTED)  # of a node; any other exit code means that it died
+DOMAIN = "ROS_DOMAIN_ID"
+# A process owns a domain while it binds the port PORT_BASE + domain, as the coordinator of ROS's tests does.
+PORT_BASE = 32768
+DOMAINS = range(100, 0, -1)  # from the top, since people tend to choose small numbers
 COMPOSED = "simulator+policy"  # two nodes in one process
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
@@ -217,3 +223,53 @@ def _terminate(nodes: Iterable[NodeProcess]) -> None:
         except subprocess.TimeoutExpired:
             node.process.kill()
             node.process.wait()
+
+
+@contextmanager
+def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
+    """Set a ROS domain that no other run uses for the nodes started in this context, and write it to the run's folder.
+
+    A domain set by ROS_DOMAIN_ID stays.
+
+    Args:
+        folder: folder of the run; contains the file ``domain`` while the run is running.
+        default: domain if ROS_DOMAIN_ID is unset or empty, such as that of a robot; None for a free domain.
+
+    Raises:
+        RunError: all domains are in use.
+        ValueError: another process uses the folder.
+    """
+    given, file = os.environ.get(DOMAIN), folder / "domain"  # ROS treats an empty value like none
+    with socket.socket() as claim:
+        domain = given or default or str(_claimed(claim))
+        with locked(folder):  # otherwise the active run could no longer be found
+            file.write_text(f"{domain}\n")
+        os.environ[DOMAIN] = domain
+        try:
+            yield
+        finally:
+            if given is None:
+                del os.environ[DOMAIN]
+            else:
+                os.environ[DOMAIN] = given
+            with suppress(OSError):
+                file.unlink(missing_ok=True)
+
+
+def domain_of(folder: Path) -> int:
+    """Return the ROS domain of an active run.
+
+    Raises:
+        ValueError: the folder has no active run over topics.
+    """
+    file = folder / "domain"
+    require(file.is_file(), f"{folder}", "the folder of an active run over topics", "none")
+    return int(file.read_text())
+
+
+def _claimed(claim: socket.socket) -> int:
+    for domain in DOMAINS:
+        with suppress(OSError):
+            claim.bind(("", PORT_BASE + domain))
+            return domain
+    raise RunError(f"expected a free ROS domain among {len(DOMAINS)}, got none. Set {DOMAIN}")

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +163,8 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         remedy = f". To resume a run, use --resume {path}" * (path / "config.yaml").is_file()
         raise ValueError(f"{path}: expected a configuration file, got a folder{remedy}")
     if not path.exists():
-        raise FileNotFoundError(f"{path}: no such configuration, {_nearest(path)}")
+        remedy = f". For an environment, use --env {path}" if ENVIRONMENT.search(str(path)) else ""
+        raise FileNotFoundError(f"{path}: no such configuration{remedy}")
     sections = _sections(path)
     try:
         _config_in(sections, path.stem, ())  # without the changes, whose errors do not name the file
@@ -203,17 +203,6 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         tree = tree_of(changes, tree)
         environment = environment_from(tree.pop("environment"))
     return Config(environment, training_from(tree))
-
-
-def _nearest(path: Path) -> str:
-    """Return a hint with the most similar name of a configuration in the same folder or in config/."""
-    if not path.parent.is_dir():
-        return f"since there is no folder {path.parent}"
-    found = {file.stem: file for folder in (Path("config"), path.parent) for file in folder.glob("*.yaml")}
-    if near := get_close_matches(path.stem, found, n=1):
-        return f"did you mean '{found[near[0]]}'?"
-    is_environment = bool(ENVIRONMENT.search(str(path)))
-    return "nor one with a similar name" + f". For an environment, use rkhs train --env {path}" * is_environment
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:

@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rkhs_ros.app.domain import reserved_domain
 from rkhs_ros.app.inline import add_environment_argument, load_acting
-from rkhs_ros.app.launcher import launch, write_parameters
+from rkhs_ros.app.launcher import launch, reserved_domain, write_parameters
 from rkhs_ros.app.measure import evaluate
 from rkhs_ros.app.robots import check_robot, default_domain, robot_of
 from rkhs_ros.base.endings import FAILED, RESUMABLE

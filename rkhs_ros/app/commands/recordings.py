@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rkhs_ros.app.inline import spaces_of
+from rkhs_ros.app.inline import add_settings_argument, spaces_of
 from rkhs_ros.base.endings import FAILED
 from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
@@ -42,8 +42,7 @@ def add_imitate(parser: argparse.ArgumentParser) -> None:
     add("episodes", type=Path, metavar="DIR|EPISODES", help="a run's folder, episodes *.npz, or a recording")
     about = "the environment of the episodes, if the file does not name it, or its module is in the current folder"
     add("--env", metavar="ID", help=about)
-    about = "centres, ridge, action_repeat, and inputs.* and kernel.* as for train"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add_settings_argument(parser, "centres=300; also ridge, action_repeat, inputs.* and kernel.*")
     file = Path("imitated.npz")
     add("--out", type=Path, default=file, metavar="FILE", help="policy file to write (default: %(default)s)")
     parser.set_defaults(run=_imitate)
@@ -95,8 +94,7 @@ def add_offline(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     about = "number of times that the policy is trained in the model (default: %(default)s)"
     add("--iterations", type=int, default=ITERATIONS, metavar="N", help=about)
-    about = "settings to replace, such as model.centres=300"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add_settings_argument(parser, "model.centres=300")
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add("--quiet", action="store_true", help="no progress bar")
     parser.set_defaults(run=_offline)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from rkhs_ros.app.domain import domain_of
+from rkhs_ros.app.launcher import domain_of
 from rkhs_ros.base.validation import require_ros
 
 WORDS = {
@@ -55,4 +55,4 @@ def _status(options: argparse.Namespace) -> int:
 
 def _domain(options: argparse.Namespace) -> int | None:
     """Return the ROS domain of the active run that the arguments name; None for that of ROS_DOMAIN_ID."""
-    return int(domain_of(options.folder)) if options.folder is not None else None
+    return domain_of(options.folder) if options.folder is not None else None

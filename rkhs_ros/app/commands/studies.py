@@ -7,7 +7,7 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-from rkhs_ros.app.inline import runner_of, warn_of_horizon
+from rkhs_ros.app.inline import add_settings_argument, runner_of, warn_of_horizon
 from rkhs_ros.app.study import add_jobs_argument, make_missing, parse_seeds, report_failures
 from rkhs_ros.base.endings import FAILED, INTERRUPTED
 from rkhs_ros.base.files import write_whole
@@ -55,7 +55,7 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     add("--vary", nargs="+", action="extend", required=True, metavar="KEY=V,V", help="settings and their values")
     about = "seeds of the runs at each point, such as 0-9 or 0,2,5 (default: 0)"
     add("--seeds", default="0", metavar="SEEDS", help=about)
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="fixed settings to replace")
+    add_settings_argument(parser, "iterations=20")
     about = "returns; the tables contain the number of episodes until each is reached"
     add("--thresholds", nargs="+", type=float, default=[], metavar="R", help=about)
     add_jobs_argument(parser)

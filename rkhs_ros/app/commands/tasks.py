@@ -9,9 +9,8 @@ from tempfile import TemporaryDirectory
 
 import gymnasium
 
-from rkhs_ros.app.domain import VARIABLE
-from rkhs_ros.app.inline import runner_of, spaces_of, untuned_config
-from rkhs_ros.app.launcher import launch_worlds, write_parameters
+from rkhs_ros.app.inline import add_settings_argument, runner_of, spaces_of, untuned_config
+from rkhs_ros.app.launcher import DOMAIN, launch_worlds, write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.app.task_check import TaskCheck
 from rkhs_ros.base.validation import require, require_ros
@@ -33,8 +32,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     add("task", metavar="ENV|CONFIG", help="an environment (module:Id-v0 imports the module), or a YAML file")
     add("--episodes", type=int, default=EPISODES, metavar="N", help="exploring episodes (default: %(default)s)")
     add("--seed", type=int, metavar="N", help="seed of all randomness")
-    about = "settings to replace, such as horizon=500"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add_settings_argument(parser, "horizon=500")
     parser.set_defaults(run=_check)
 
 
@@ -71,8 +69,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     about = "YAML file of a simulator or a robot; see config/"
     add("config", type=Path, nargs="?", metavar="CONFIG", help=about)
     add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
-    about = "settings to replace, such as robot.period=0.1"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add_settings_argument(parser, "robot.period=0.1")
     parser.set_defaults(run=_simulate)
 
 
@@ -88,7 +85,7 @@ def _simulate(options: argparse.Namespace) -> int:
     else:
         spaces_of(config.environment)
     config.check_for_topics()
-    domain = os.environ.setdefault(VARIABLE, "0")
+    domain = os.environ.setdefault(DOMAIN, "0")
     print(f"{config.environment.id} in ROS domain {domain}; stop with Ctrl-C", file=sys.stderr)
     with TemporaryDirectory() as place:
         return launch_worlds(config, write_parameters(config, Path(place) / "parameters.yaml"))

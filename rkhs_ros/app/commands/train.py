@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rkhs_ros.app.commands.view import page_beside, stay_with
-from rkhs_ros.app.domain import reserved_domain
-from rkhs_ros.app.inline import runner_of, untuned_config, warn_of_horizon
-from rkhs_ros.app.launcher import launch, resuming, write_parameters
+from rkhs_ros.app.inline import add_settings_argument, runner_of, untuned_config, warn_of_horizon
+from rkhs_ros.app.launcher import launch, reserved_domain, resuming, write_parameters
 from rkhs_ros.app.robots import check_robot, default_domain
 from rkhs_ros.app.study import PREFIX, add_jobs_argument, make_missing, parse_seeds, report_failures, seed_folders
 from rkhs_ros.base.endings import BAD_INPUT, FAILED, INTERRUPTED, RunError, print_error
@@ -54,8 +53,7 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
     add_jobs_argument(parser, "runs of --seeds")
     add("--iterations", type=int, metavar="N", help="number of policy updates")
-    about = "settings to replace, such as algorithm.ridge=0.1"
-    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help=about)
+    add_settings_argument(parser, "algorithm.ridge=0.1")
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add("--view", action="store_true", help="show the run in the browser")
     add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")

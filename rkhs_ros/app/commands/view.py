@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rkhs_ros.app.domain import domain_of
 from rkhs_ros.app.inline import add_environment_argument
+from rkhs_ros.app.launcher import domain_of
 from rkhs_ros.base.endings import INTERRUPTED
 from rkhs_ros.base.processes import python, terminate_with_parent
 from rkhs_ros.base.validation import missing_ros, require, require_extra
@@ -70,7 +70,7 @@ def reports_of(folder: Path) -> Callable[[], NodeReports | None]:
 
     def reports() -> NodeReports | None:
         with suppress(ValueError, OSError):
-            return NodeReports(int(domain_of(folder)))
+            return NodeReports(domain_of(folder))
         return None
 
     return reports

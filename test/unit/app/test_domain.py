@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.app.domain import VARIABLE, domain_of, reserved_domain
+from rkhs_ros.app.launcher import DOMAIN, domain_of, reserved_domain
 from rkhs_ros.base.files import locked
 
 
 @pytest.fixture(autouse=True)
 def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(DOMAIN, raising=False)
 
 
 def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) -> None:
@@ -19,11 +19,11 @@ def test_parallel_runs_have_distinct_domains_in_their_folders(tmp_path: Path) ->
     one.mkdir()
     other.mkdir()
     with reserved_domain(one):
-        assert domain_of(one) == os.environ.pop(VARIABLE)
+        assert domain_of(one) == int(os.environ.pop(DOMAIN))
         with reserved_domain(other):
-            assert domain_of(other) == os.environ[VARIABLE] != domain_of(one)
-        os.environ[VARIABLE] = ""  # removed at the end
-    assert VARIABLE not in os.environ
+            assert domain_of(other) == int(os.environ[DOMAIN]) != domain_of(one)
+        os.environ[DOMAIN] = ""  # removed at the end
+    assert DOMAIN not in os.environ
     for folder in (one, other):
         with pytest.raises(ValueError, match="expected the folder of an active run over topics, got none"):
             domain_of(folder)
