@@ -25,21 +25,13 @@ FILE = "recording.mcap"
 
 
 class RecordedBatch(NamedTuple):
-    """Recorded batch of episodes.
-
-    Attributes:
-        batch: numbers of the episodes.
-        version: version of the policy that acted.
-        episodes: observations, actions and rewards.
-        executions: executions of the episodes on a robot; empty for a simulation.
-        time: time of the recording in nanoseconds since 1970.
-    """
+    """Recorded batch of episodes."""
 
     batch: Batch
-    version: int
+    version: int  # of the policy that acted
     episodes: Episodes
-    executions: list[Execution]
-    time: int
+    executions: list[Execution]  # on a robot; empty for a simulation
+    time: int  # of the recording, in nanoseconds since 1970
 
     @property
     def is_discarded(self) -> bool:
@@ -117,13 +109,19 @@ class Recording:
         """
         match kind.removeprefix(PACKAGE):
             case "Task":
-                self.heads.append(head_of(message))
+                task = Task(message.environment, json.loads(message.options), message.horizon, message.discount)
+                about = message.seed, message.configuration, tuple(message.versions), bool(message.warm_start)
+                self.heads.append(Head(task, spaces_of(message), *about))
             case "Policy":
                 self.policies[message.version] = policy_of(message)
             case "Update":
                 self.updates.append(message)
             case "RecordedEpisodes":
-                self.batches.append(_batch(message, self.head.spaces, time))
+                episodes, numbers = message.episodes, (int(message.seed), int(message.first_episode))
+                sizes = int(episodes.num_envs), int(episodes.horizon)
+                batch = Batch(*numbers, *sizes, explore=bool(message.explore))
+                held = episodes_of(episodes, batch, self.head.spaces), executions_of(episodes)
+                self.batches.append(RecordedBatch(batch, episodes.policy_version, *held, time))
 
     @property
     def head(self) -> Head:
@@ -150,12 +148,10 @@ class Recording:
         """Return all completed episodes, each once.
 
         Raises:
-            ValueError: there are no episodes, or their horizons differ.
+            ValueError: there are no episodes.
         """
         finished = self.finished
-        horizons = {each.batch.horizon for each in finished}
         require(bool(finished), "recording", "at least one finished episode", "none")
-        require(len(horizons) == 1, "recording", "episodes with a common horizon", f"horizons {sorted(horizons)}")
         return Episodes.concatenate(each.episodes for each in finished)
 
     def exploration(self, iteration: int) -> Episodes:
@@ -218,30 +214,16 @@ class Recording:
         return countable(self.batches)
 
 
-def head_of(message: Any) -> Head:
-    """Return the header of a recording from its message.
-
-    Raises:
-        ValueError: the message is not a valid header.
-    """
-    task = Task(message.environment, json.loads(message.options), message.horizon, message.discount)
-    versions = tuple(message.versions)
-    return Head(task, spaces_of(message), message.seed, message.configuration, versions, bool(message.warm_start))
-
-
 def recording_file(path: Path) -> Path:
     """Return the recording in the folder of a run; return a file unchanged.
 
     Raises:
         FileNotFoundError: there is no recording.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such recording")
-    if not path.is_dir():
-        return path
-    if not (path / FILE).is_file():
-        raise FileNotFoundError(f"{path}: no {FILE} in this folder")
-    return path / FILE
+    file = path / FILE if path.is_dir() else path
+    if not file.is_file():
+        raise FileNotFoundError(f"{path}: no {FILE} in this folder" if path.is_dir() else f"{path}: no such recording")
+    return file
 
 
 def read_recording(path: Path) -> Recording:
@@ -264,11 +246,7 @@ def read_recording(path: Path) -> Recording:
 
 @contextmanager
 def faults_named(path: Path) -> Iterator[None]:
-    """Report errors from the messages of a recording with its path.
-
-    Raises:
-        ValueError: the messages are not those of a run.
-    """
+    """Report errors from the messages of a recording as a ValueError with its path."""
     try:
         yield
     except OSError:
@@ -305,11 +283,3 @@ def recording_of(messages: Iterable[Stored]) -> Recording:
     for kind, time, message in own_messages(messages):
         recording.add(kind, time, message)
     return recording
-
-
-def _batch(message: Any, spaces: Spaces, time: int) -> RecordedBatch:
-    episodes, first, explore = message.episodes, int(message.first_episode), bool(message.explore)
-    batch = Batch(int(message.seed), first, int(episodes.num_envs), int(episodes.horizon), explore)
-    return RecordedBatch(
-        batch, episodes.policy_version, episodes_of(episodes, batch, spaces), executions_of(episodes), time
-    )
