@@ -43,13 +43,9 @@ class GaussianPolicy:
         pick(self.noise, FILTERS, "noise")
         repeat = self.action_repeat
         require(type(repeat) is int and 1 <= repeat <= MOST_REPEAT, "action_repeat", f"1 to {MOST_REPEAT}", repeat)
-        require(
-            self.mean.output_dim == self.variance.output_dim,
-            "variance",
-            f"{self.mean.output_dim} action dimensions like the mean",
-            self.variance.output_dim,
-        )
         n, bounds = self.mean.output_dim, len(self.inputs.action_low)
+        same = self.variance.output_dim == n
+        require(same, "variance", f"{n} action dimensions like the mean", self.variance.output_dim)
         require(bounds in (0, n), "inputs.action_low", f"{n} numbers, one per action, or none", bounds)
         if not isinstance(self.variance, ConstantVariance):
             d = self.mean.input_dim
@@ -74,10 +70,6 @@ class GaussianPolicy:
     def decisions(self, steps: int) -> int:
         """Return how many actions the policy chooses in a number of steps."""
         return -(-steps // self.action_repeat)
-
-    def score(self, observations: Array, actions: Array) -> Array:
-        r"""Return the coefficients :math:`u = \Sigma^{-1}(a - h(s))`, shape (batch, n), of Eq 8."""
-        return (actions - self.mean(observations)) / self.variance(observations)
 
     def with_mean(self, mean: Function) -> GaussianPolicy:
         """Return a copy of the policy with another mean."""

@@ -26,8 +26,6 @@ from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, Produc
 OPSET, IR_VERSION = 17, 8  # versions of 2022, which ONNX Runtime 1.20 and later support
 STATE = "state"
 Shapes = dict[str, tuple[int, ...]]
-
-
 TOLERANCE = 1e-6  # of the actions, relative to the greatest one
 COUNT, EPISODES = 10_000, 100  # minimum number of observations of a check; episodes per batch
 SPREAD = 2.0  # of the observations, in standard deviations of the centres

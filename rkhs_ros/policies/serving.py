@@ -15,25 +15,19 @@ class OtherBatchError(ValueError):
 
 @dataclass(frozen=True)
 class ServedPolicy:
-    """The policy that is being served.
-
-    Attributes:
-        policy: the policy.
-        version: its unique number.
-        explores: whether it explores in batches that request exploration; otherwise it always uses the mean.
-    """
+    """The policy that is being served."""
 
     policy: GaussianPolicy
-    version: int
-    explores: bool = True
+    version: int  # unique
+    explores: bool = True  # in batches that request exploration; otherwise it always uses the mean
 
 
 class Place(NamedTuple):
-    """A step of a batch: number of the batch, version of the policy that the batch expects, and step from 0."""
+    """A step of a batch."""
 
     batch: int = 0
-    version: int = 0
-    step: int = -1
+    version: int = 0  # of the policy that the batch expects
+    step: int = -1  # from 0
 
 
 class Session:

@@ -38,9 +38,8 @@ class Spaces:
         good = all(isinstance(size, int) and size >= 0 for size in self.observation_shape)
         require(good, "observation_shape", "whole numbers >= 0", self.observation_shape)
         require(bool(np.issubdtype(low.dtype, np.floating)), "action_low", "real numbers", low.dtype)
-        require(
-            low.shape == high.shape and low.dtype == high.dtype, "action_high", "the shape and type of action_low", high
-        )
+        same = low.shape == high.shape and low.dtype == high.dtype
+        require(same, "action_high", "the shape and type of action_low", high)
         require(bool((low <= high).all()), "action_low", "at most action_high", low)
         for kind, size in (("observation", self.observation_dim), ("action", self.action_dim)):
             names = getattr(self, f"{kind}_names")

@@ -86,11 +86,7 @@ class Batch:
         return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
 
     def with_evaluation(self, evaluation: Batch) -> Batch:
-        """Return a batch of these exploration episodes followed by evaluation episodes of the same run.
-
-        Raises:
-            ValueError: the batch is too large.
-        """
+        """Return a batch of these exploration episodes followed by evaluation episodes of the same run."""
         count, first = evaluation.num_envs, evaluation.first_episode
         return replace(self, num_envs=self.num_envs + count, num_evaluation=count, first_evaluation=first)
 

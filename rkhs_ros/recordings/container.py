@@ -20,23 +20,14 @@ ONE_MESSAGE = 1  # chunk size in bytes at which each message has its own chunk w
 
 
 class Stored(NamedTuple):
-    """A stored message.
-
-    Attributes:
-        topic: topic of the message.
-        kind: name of its type, such as ``rkhs_interfaces/msg/Policy``.
-        definition: definition of the type.
-        content: serialised message.
-        time: time of the recording in nanoseconds since 1970.
-        published: time of the publication in nanoseconds since 1970.
-    """
+    """A stored message."""
 
     topic: str
-    kind: str
-    definition: str
-    content: bytes
-    time: int
-    published: int
+    kind: str  # name of its type, such as ``rkhs_interfaces/msg/Policy``
+    definition: str  # of the type
+    content: bytes  # serialised
+    time: int  # of the recording, in nanoseconds since 1970
+    published: int  # time of the publication, in nanoseconds since 1970
 
 
 class MessageFile:
@@ -48,15 +39,12 @@ class MessageFile:
         path: the file.
         held: initial messages.
         sync: sync each message to the disk. Otherwise a power cut may lose messages; a killed process never does.
-        chunk_bytes: size of a chunk, whose messages share a checksum and are lost together if the process is killed.
 
     Raises:
         OSError: the file cannot be written.
     """
 
-    def __init__(
-        self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False, chunk_bytes: int = ONE_MESSAGE
-    ) -> None:
+    def __init__(self, path: Path, held: Iterable[Stored] = (), *, sync: bool = False) -> None:
         self.path = path
         self._sync = False  # the initial messages are synced together
         self._channels: dict[tuple[str, str, str], int] = {}
@@ -66,7 +54,7 @@ class MessageFile:
             self._file = aside.open("wb", buffering=0)
         self._outgoing = _Outgoing()
         stream = cast("IO[bytes]", self._outgoing)
-        self._writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE)
+        self._writer = Writer(stream, chunk_size=ONE_MESSAGE, compression=CompressionType.NONE)
         self._writer.start("ros2", f"{LIBRARY} {__version__}")
         for message in held:
             self.write(message)
@@ -127,10 +115,7 @@ class MessageFile:
 
 
 class _Outgoing:
-    """Buffer between the MCAP writer and the file.
-
-    Owns the pending bytes and the number of bytes before them.
-    """
+    """Buffer between the MCAP writer and the file: the pending bytes and the number of bytes before them."""
 
     def __init__(self) -> None:
         self.content = b""
@@ -147,24 +132,16 @@ class _Outgoing:
 
 
 class Found(NamedTuple):
-    """Messages found in a file that may be damaged.
+    """Messages found in a file that may be damaged."""
 
-    Attributes:
-        messages: intact messages in order.
-        faults: descriptions of the skipped parts, one line each.
-    """
-
-    messages: list[Stored]
-    faults: list[str]
+    messages: list[Stored]  # intact, in order
+    faults: list[str]  # descriptions of the skipped parts, one line each
 
 
 class MessageReader:
     """Reader of an MCAP file that may be damaged, and may still grow.
 
     Owns the position after the last complete record, and the schemas and channels so far.
-
-    Args:
-        path: the file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.episodes import Execution
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.recordings.recording import RecordedBatch
 from rkhs_ros.rkhs.kernels import Array
@@ -18,13 +17,19 @@ from rkhs_ros.rkhs.kernels import Array
 if TYPE_CHECKING:
     import pyarrow
 
-VERSION = "v3.0"  # of the format
 DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 TASKS = "meta/tasks.parquet"
-# Limits of file sizes that info.json declares; we always write a single file.
-FILES = {"chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200}
-PLACES = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+INFO = {  # that is the same for all exports; we always write a single file
+    "codebase_version": "v3.0",
+    "robot_type": None,
+    "total_tasks": 1,
+    "chunks_size": 1000,
+    "data_files_size_in_mb": 100,
+    "video_files_size_in_mb": 200,
+    "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+    "video_path": None,
+}
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 NANOSECONDS = 1e9
 RATE_TOLERANCE = 0.005  # relative difference between the rate of the time stamps and a whole number
@@ -63,9 +68,20 @@ def export(
     for name, table in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         parquet.write_table(table, folder / name)
+    named = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
+    features = {
+        name: {
+            "dtype": column.dtype.name,
+            "shape": list(column.shape[1:]) or [1],
+            "names": list(named.get(name, ())) or None,
+        }
+        for name, column in frames.items()
+    }
+    sizes = {"total_episodes": len(episodes), "total_frames": len(frames["index"])}
+    info = INFO | sizes | {"fps": rate, "splits": {"train": f"0:{len(episodes)}"}, "features": features}
     stats = {name: {key: value.tolist() for key, value in _stats(column).items()} for name, column in frames.items()}
-    _write_json(folder / "meta/info.json", _info(episodes, rate, spaces))
-    _write_json(folder / "meta/stats.json", stats)
+    for name, content in (("info", info), ("stats", stats)):
+        (folder / f"meta/{name}.json").write_text(json.dumps(content, indent=4))
     return len(episodes), rate
 
 
@@ -91,38 +107,35 @@ def _rate(batches: Sequence[RecordedBatch]) -> int:
 
 
 def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Columns]:
+    """Yield the columns of each episode."""
     index = 0
-    indexed = ((each, i) for each in batches for i in range(each.batch.num_envs))
-    for number, (each, i) in enumerate(indexed):
-        columns = _columns(each, i, fps)
-        steps = len(columns["timestamp"])
-        columns["frame_index"] = np.arange(steps)
-        columns["episode_index"] = np.full(steps, number)
-        columns["index"] = index + np.arange(steps)
-        columns["task_index"] = np.zeros(steps, dtype=np.int64)
-        index += steps
-        yield columns
-
-
-def _columns(each: RecordedBatch, i: int, fps: int | None) -> Columns:
-    episodes, mask = each.episodes, each.episodes.mask[i]
-    steps = int(mask.sum())
-    done = np.arange(steps) == steps - 1
-    columns = {
-        "observation.state": episodes.observations[i, mask],
-        "action": episodes.actions[i, mask],
-        "next.reward": episodes.rewards[i, mask],
-    }
-    if each.executions:
-        columns["action.executed"] = each.executions[i].executed
-    columns["timestamp"] = _measured_times(each.executions[i], steps) if fps is None else np.arange(steps) / fps
-    singles = {name: values.astype(np.float32) for name, values in columns.items()}
-    return {**singles, "next.done": done, "next.terminated": done & episodes.terminated[i]}
-
-
-def _measured_times(execution: Execution, steps: int) -> Array:
-    """Return the time of the observation before each step, in seconds since the first one, shape (steps,)."""
-    return np.asarray((execution.stamps[:steps] - execution.stamps[0]) / NANOSECONDS)
+    singles = [single for batch in batches for single in batch.single_episodes()]
+    for number, single in enumerate(singles):
+        episodes, mask = single.episodes, single.episodes.mask[0]
+        steps = np.arange(int(mask.sum()))
+        done = steps == len(steps) - 1
+        columns = {
+            "observation.state": episodes.observations[0, mask],
+            "action": episodes.actions[0, mask],
+            "next.reward": episodes.rewards[0, mask],
+        }
+        for execution in single.executions:
+            columns["action.executed"] = execution.executed
+        if fps is None:
+            stamps = single.executions[0].stamps
+            columns["timestamp"] = (stamps[: len(steps)] - stamps[0]) / NANOSECONDS
+        else:
+            columns["timestamp"] = steps / fps
+        yield {
+            **{name: values.astype(np.float32) for name, values in columns.items()},
+            "next.done": done,
+            "next.terminated": done & episodes.terminated[0],
+            "frame_index": steps,
+            "episode_index": np.full(len(steps), number),
+            "index": index + steps,
+            "task_index": np.zeros(len(steps), dtype=np.int64),
+        }
+        index += len(steps)
 
 
 def _descriptions(episodes: Sequence[Columns], task: str) -> dict[str, Any]:
@@ -162,28 +175,6 @@ def _stats(column: np.ndarray) -> Mapping[str, Array]:
     }
 
 
-def _info(episodes: Sequence[Columns], fps: int, spaces: Spaces | None) -> dict[str, Any]:
-    names = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
-    return {
-        "codebase_version": VERSION,
-        "robot_type": None,
-        "total_episodes": len(episodes),
-        "total_frames": sum(len(each["timestamp"]) for each in episodes),
-        "total_tasks": 1,
-        **FILES,
-        "fps": fps,
-        "splits": {"train": f"0:{len(episodes)}"},
-        "data_path": f"data/{PLACES}",
-        "video_path": None,
-        "features": {n: _feature(column, names.get(n, ())) for n, column in episodes[0].items()},
-    }
-
-
-def _feature(column: np.ndarray, names: Sequence[str]) -> dict[str, Any]:
-    width = 1 if column.ndim == 1 else column.shape[1]
-    return {"dtype": column.dtype.name, "shape": [width], "names": list(names) or None}
-
-
 def _table(columns: Mapping[str, Any]) -> pyarrow.Table:
     import pyarrow
 
@@ -203,17 +194,9 @@ def _arrow(values: Any) -> pyarrow.Array:
 
 def _tasks(task: str) -> pyarrow.Table:
     """Return the table of task numbers by name, with the metadata that pandas needs for its index."""
-    about = [
-        {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": of_numpy, "metadata": None}
-        for name, field, kind, of_numpy in (
-            ("task_index", "task_index", "int64", "int64"),
-            (None, INDEX, "unicode", "object"),
-        )
-    ]
+    names = ("name", "field_name", "pandas_type", "numpy_type", "metadata")
+    values = ("task_index", "task_index", "int64", "int64", None), (None, INDEX, "unicode", "object", None)
+    about = [dict(zip(names, each, strict=True)) for each in values]
     pandas = {"index_columns": [INDEX], "column_indexes": [], "columns": about, "pandas_version": "2.0.0"}
     table = _table({"task_index": np.zeros(1, dtype=np.int64), INDEX: [task]})
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
-
-
-def _write_json(file: Path, content: Mapping[str, Any]) -> None:
-    file.write_text(json.dumps(content, indent=4))

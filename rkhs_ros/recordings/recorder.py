@@ -3,7 +3,7 @@
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from hashlib import blake2b
 from pathlib import Path
@@ -42,12 +42,10 @@ class Recorder:
     Args:
         file: file of the recording.
         held: content that the file already holds.
-        clock: clock in nanoseconds since 1970.
     """
 
-    def __init__(self, file: MessageFile, held: Recording, clock: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, file: MessageFile, held: Recording) -> None:
         self._file = file
-        self._clock = clock
         self._versions = {_digest(policy): version for version, policy in held.policies.items()}
         self._served = 0
         self._newest: tuple[GaussianPolicy | None, int] = None, 0
@@ -98,7 +96,7 @@ class Recorder:
         return self._versions[digest]
 
     def _write(self, message: Any, published: int | None = None) -> None:
-        kind, now = message.__msgtype__, self._clock()
+        kind, now = message.__msgtype__, time.time_ns()
         topic = TOPICS[kind.rpartition("/")[2]]
         made = now if published is None else published
         self._file.write(Stored(topic, kind, definition(kind), encoded(message), now, made))

@@ -34,10 +34,6 @@ class IterationPanel:
     Attributes:
         episode: the selected episode, alone; None at first.
         text: description of the current step.
-
-    Args:
-        server: server of the page.
-        source: run to show.
     """
 
     def __init__(self, server: ViserServer, source: Recorded) -> None:
@@ -99,11 +95,7 @@ class IterationPanel:
             self.text.content = self._step_text(self.episode, step, steps)
 
     def play_once(self, wait: Callable[[float], None]) -> None:
-        """Show each moment of the selected episode in turn, and wait after it.
-
-        Args:
-            wait: called with the duration of a moment in seconds.
-        """
+        """Show each moment of the selected episode in turn, and wait for its duration in seconds."""
         self._plays.value = False
         for frame in range(int(self._frame.max) + 1):
             self._frame.value = self._set_to = frame

@@ -23,7 +23,6 @@ ON_PHONE = """<style>@media (max-width: 36em) {
   [style*="width: 20em"] { width: 100% !important; }
   [style*="inset"]:has(> canvas) { bottom: 60% !important; }
 }</style>"""
-NO_OTHERS: Mapping[str, Recorded] = {}
 WORST_FIRST = ("error", "warning", "ok")
 MAX_NODES = 12  # shown, worst first
 MAX_LETTERS = 160  # of a node's message
@@ -32,8 +31,6 @@ ARM_HINT = (
     "To arm it, make sure that the robot may move, then type `rkhs robot arm FOLDER` in a terminal beside the robot."
 )
 NodeReport = tuple[str, str, str]  # name, level and message of a node
-
-
 OpenReports = Callable[[], Any]  # starts to listen; returns `rkhs_ros.nodes.watch.NodeReports`, or None without nodes
 
 
@@ -41,10 +38,6 @@ class NodesPanel:
     """The state of a run's nodes and of its robot's gate.
 
     Owns these texts, which are visible while reports arrive, and the reports while a browser shows the page.
-
-    Args:
-        gui: GUI of the page.
-        open_reports: starts to listen to the nodes; returns None if there are none.
     """
 
     def __init__(self, gui: GuiApi, open_reports: OpenReports) -> None:
@@ -65,9 +58,9 @@ class NodesPanel:
 
     def stop_listening(self) -> None:
         """Stop listening and hide the texts."""
-        reports, self._reports = self._reports, None
-        if reports is not None:
-            reports.close()
+        if self._reports is not None:
+            self._reports.close()
+        self._reports = None
         self._show("", "")
 
     def _show(self, nodes: str, gate: str) -> None:
@@ -109,6 +102,9 @@ class Page:
     Owns its controls and their last state. `refresh` reads the run, `listen` the reports of its nodes, and `tick` the
     controls.
 
+    Attributes:
+        nodes: reports of the nodes.
+
     Args:
         server: server of the page.
         source: run to show.
@@ -117,11 +113,7 @@ class Page:
     """
 
     def __init__(
-        self,
-        server: ViserServer,
-        source: Recorded,
-        open_reports: OpenReports,
-        others: Mapping[str, Recorded] = NO_OTHERS,
+        self, server: ViserServer, source: Recorded, open_reports: OpenReports, others: Mapping[str, Recorded]
     ) -> None:
         gui = self._gui = server.gui
         self._server, self._source, self._others = server, source, others
@@ -133,7 +125,7 @@ class Page:
         gui.set_panel_label(source.name)
         gui.add_html(ON_PHONE)
         self._status = gui.add_markdown("")
-        self._nodes = NodesPanel(gui, open_reports)
+        self.nodes = NodesPanel(gui, open_reports)
         self._curve: Any = None
         self._curve_folder = gui.add_folder("Learning curve")
         self._drawn: list[int] = []
@@ -157,11 +149,7 @@ class Page:
 
     def listen(self) -> None:
         """Show the reports of the nodes, if the run is in progress."""
-        self._nodes.refresh(running=self._state == RUNNING)
-
-    def stop_listening(self) -> None:
-        """Stop receiving the reports of the nodes."""
-        self._nodes.stop_listening()
+        self.nodes.refresh(running=self._state == RUNNING)
 
     def tick(self) -> None:
         """Show what the controls select, if the page does not show it yet."""
@@ -172,7 +160,7 @@ class Page:
         self._showing.move()
 
     def announce_end(self) -> None:
-        """Show on the page that the viewer has ended."""
+        """Show that the viewer has ended."""
         self._status.content = "### The viewer has ended\nRestart it with `rkhs view`."
         self._server.flush()
 
@@ -220,8 +208,7 @@ def status(source: Recorded, state: str) -> str:
         known = [f"{kind} **{value:.4g}**" for kind, value in returns if not isnan(value)]
         lines.append(f"Return: {', '.join(known)}")
     lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]
-    what = f"`{source.task.environment}` in " * bool(source.task.environment)
-    return "\n\n".join([*lines, f"{what}`{source.path}`"])
+    return "\n\n".join([*lines, f"`{source.task.environment}` in `{source.path}`"])
 
 
 def counted(number: int, what: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress
 from html import escape
 from io import BytesIO, StringIO
+from math import isnan
 from pathlib import Path
 from socket import create_server
 
@@ -51,11 +52,7 @@ def wait_for_recording(file: Path) -> Recorded:
 
 
 def opened(host: str, port: int) -> ViserServer:
-    """Start a server.
-
-    Args:
-        host: address to listen on.
-        port: port to listen on, or the next free one.
+    """Start a server at an address of this machine, on a port or the next free one.
 
     Raises:
         ValueError: the address does not belong to this machine. The server would wait forever.
@@ -80,8 +77,8 @@ def serve(
 
     Args:
         begun: waits for the run to start and returns it; the page is empty until then.
-        others: other runs by name, whose evaluation returns are drawn beside those of the run.
-        open_reports: starts to listen to the run's nodes; returns None if there are none.
+        others: other runs by name, see `Page`.
+        open_reports: see `Page`.
         host: address to listen on.
         port: port to listen on, or the next free one.
         on_address: called with the address of the page as soon as it is served.
@@ -100,9 +97,8 @@ def serve(
             page.tick()
             _work(server, page)
         finally:
-            page.stop_listening()
+            page.nodes.stop_listening()
             page.announce_end()
-            server.flush()
             time.sleep(END_MESSAGE_S)
     finally:
         with redirect_stdout(StringIO()):
@@ -122,17 +118,13 @@ def _work(server: ViserServer, page: Page) -> None:
                 due = now + REFRESH_S
             page.tick()
         elif watched_at is not None and now - watched_at > REST_S:
-            page.stop_listening()  # without a browser the page is idle
+            page.nodes.stop_listening()  # without a browser the page is idle
             watched_at = None
         time.sleep(TICK_S)
 
 
 def html_page(source: Recorded) -> str:
-    """Return the page of a run, which needs no other file and no connection.
-
-    Args:
-        source: a run with at least one iteration.
-    """
+    """Return the page of a run with at least one iteration, which needs no other file and no connection."""
     source.refresh()
     require(bool(source.rows), f"{source.path}", "a run with at least one complete iteration", "none")
     name, last = escape(source.name), source.rows[-1]
@@ -153,16 +145,11 @@ def html_page(source: Recorded) -> str:
 
 def _returns(source: Recorded) -> str:
     """Return the last returns as a sentence."""
-    last = source.rows[-1]
-    kinds = {
-        "exploration": (last.exploration_return, last.undiscounted_exploration_return),
-        "evaluation": (last.evaluation_return, last.undiscounted_evaluation_return),
-    }
-    known = [
-        f"{name} {value:.4g}" + f" (undiscounted {total:.4g})" * (total == total and total != value)
-        for name, (value, total) in kinds.items()
-        if value == value  # not nan
-    ]
+    last, known = source.rows[-1], []
+    for name in ("exploration", "evaluation"):
+        value, total = getattr(last, f"{name}_return"), getattr(last, f"undiscounted_{name}_return")
+        if not isnan(value):
+            known.append(f"{name} {value:.4g}" + f" (undiscounted {total:.4g})" * (not isnan(total) and total != value))
     return f"Last returns: {', '.join(known)}." if known else ""
 
 
@@ -180,10 +167,9 @@ def _scene(source: Recorded) -> str:
         recording = server.get_scene_serializer()
         panel = IterationPanel(server, source)
         last = source.iterations[-1]
-        view = source.load(last)
-        require(view is not None, f"{source.path}", f"the episodes of iteration {last}", "none")
-        if view is not None:
-            panel.show({last: view})
+        if (view := source.load(last)) is None:
+            raise ValueError(f"{source.path}: expected the episodes of iteration {last}, got none")
+        panel.show({last: view})
         panel.play_once(recording.insert_sleep)
         return recording.as_html()
     finally:

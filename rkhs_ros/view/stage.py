@@ -32,12 +32,7 @@ FLOOR_EXTENT = 1.5  # relative to the task's
 class Stage:
     """The 3D scene of a page: the bodies of a task, a policy plot, and a marker at the current step on the plot.
 
-    Owns the objects of the scene.
-
-    Args:
-        server: server of the page.
-        task: task with 3D bodies.
-        has_depth: whether the bodies are more than a picture; if so, they stand on a floor with a grid.
+    Owns the objects of the scene. If the task has depth, its bodies stand on a floor with a grid.
     """
 
     def __init__(self, server: ViserServer, task: ShowsBodies, *, has_depth: bool) -> None:
@@ -77,7 +72,7 @@ class Stage:
         board = shape * (task[0] / shape[0] if is_wide else LARGER * task[1])
         way = np.array([0.0, 1.0] if is_wide else [1.0, 0.0])  # to the picture
         distance = way @ (task / 2 + GAP * board[1] + board / 2)
-        self._width, self._height = board
+        self._board = board
         self._middle = self._in_space((begin + end) / 2 + distance * way, depth)
         whole = np.where(way > 0, task + GAP * board[1] + board, np.maximum(task, board))
         seen = (begin + end) / 2 + (distance + way @ (board - task) / 2) / 2 * way
@@ -95,8 +90,8 @@ class Stage:
         """Show a policy plot beside or above the task.
 
         Args:
-            figure: figure of size SIZE, whose first axes are the plot.
-            points: position of the marker before each step, in data coordinates of the plot, shape (steps, 2).
+            figure: of size SIZE, whose first axes are the plot.
+            points: of the marker before each step, in data coordinates of the plot, shape (steps, 2).
         """
         figure.set_dpi(DPI)
         image, axes = pixels(figure), figure.axes[0]
@@ -105,8 +100,8 @@ class Stage:
         if self._picture is not None:
             self._picture.image = image
             return
-        scene, radius = self._server.scene, MARKER * self._width
-        self._picture = self._add_picture("/policy", image, (self._width, self._height), self._middle)
+        scene, radius = self._server.scene, MARKER * self._board[0]
+        self._picture = self._add_picture("/policy", image, self._board, self._middle)
         self._mark = scene.add_icosphere("/mark", radius, color=MARK, position=self._middle)
 
     def set_backdrop(self, image: NDArray[np.uint8]) -> None:
@@ -116,30 +111,22 @@ class Stage:
         else:
             self._backdrop.image = image
 
-    def _add_picture(
-        self, name: str, image: NDArray[np.uint8], size: Array | tuple[float, float], middle: Array
-    ) -> Any:
+    def _add_picture(self, name: str, image: NDArray[np.uint8], size: Array, middle: Array) -> Any:
         # The axes of an image point right, down, and away from the viewer.
         turn = SO3.from_matrix(np.stack([self._right, -self._up, -self._eye], axis=1)).wxyz
         return self._server.scene.add_image(name, image, *size, format="png", wxyz=turn, position=middle)
 
     def show(self, motion: BodyTrajectories | None, frame: int, step: int) -> None:
-        """Show one moment of the episode.
-
-        Args:
-            motion: motion of the task; None if unknown, which hides the bodies.
-            frame: index into the motion.
-            step: step of the episode.
-        """
+        """Show a frame of the motion, which is None to hide the bodies, and mark a step of the episode."""
         with self._server.atomic():
             for i, handle in enumerate(self._handles):
                 handle.visible = motion is not None
                 if motion is not None:
                     _move(handle, motion.positions[frame, i], motion.orientations[frame, i])
             if self._mark is not None and len(self._points):
-                across, up = self._points[min(step, len(self._points) - 1)] - 0.5
-                place = self._middle + across * self._width * self._right + up * self._height * self._up
-                self._mark.position = place + MARKER * self._width * self._eye
+                across, up = self._board * (self._points[min(step, len(self._points) - 1)] - 0.5)
+                lift = MARKER * self._board[0] * self._eye
+                self._mark.position = self._middle + across * self._right + up * self._up + lift
 
     def _in_space(self, place: Array, depth: float) -> Array:
         """Return the 3D point at a position (right, up) in the view plane and a depth towards the viewer."""

@@ -26,11 +26,7 @@ CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C") 
 
 
 class Timeline:
-    """A scene for tasks that define none: a bar chart of an episode, with a line at the current step.
-
-    Args:
-        names: names of the observations and actions.
-    """
+    """A scene for tasks that define none: a bar chart of an episode, with a line at the current step."""
 
     view_direction = (0.0, -1.0, 0.1)
     bounds = (-EDGE, 0.0, -EDGE), (EDGE, 0.0, EDGE)

@@ -1,9 +1,7 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -12,29 +10,6 @@ from test.unit.conftest import kl_between
 
 Make = Callable[..., GaussianPolicy]
 over_variances = pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
-
-
-def log_density(policy: GaussianPolicy, x: np.ndarray, actions: np.ndarray) -> np.ndarray:
-    """Return scipy's log density of actions in their states, shape (batch,)."""
-    return stats.norm.logpdf(actions, policy.mean(x), np.sqrt(policy.variance(x))).sum(axis=1)
-
-
-@over_variances
-def test_the_score_is_the_gradient_of_log_prob(random_policy: Make, rng: np.random.Generator, learnt: bool) -> None:
-    policy = random_policy(learnt=learnt)
-    x, actions = rng.normal(size=(7, 2)), rng.normal(size=(7, 2))
-    # grad_h log pi = K(s, .) u, so the derivative by the weight of centre c is the sum of kappa(c, s) u.
-    gradient = policy.mean.kernel(policy.mean.centres, x) @ policy.score(x, actions)
-
-    def log_likelihood(weights: np.ndarray) -> float:
-        mean = replace(policy.mean, weights=weights)
-        return float(log_density(policy.with_mean(mean), x, actions).sum())
-
-    for index in np.ndindex(gradient.shape):
-        step = np.zeros_like(gradient)
-        step[index] = 1e-5
-        numeric = (log_likelihood(policy.mean.weights + step) - log_likelihood(policy.mean.weights - step)) / 2e-5
-        assert gradient[index] == pytest.approx(numeric, rel=1e-6, abs=1e-6)
 
 
 @over_variances
