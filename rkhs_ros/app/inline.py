@@ -97,7 +97,6 @@ def load_acting(
 
     Raises:
         ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit the environment.
-        OSError: the file cannot be read.
     """
     if isinstance(policy, Policy):
         gaussian, task, what = policy.gaussian, policy.task, "policy"

@@ -76,8 +76,6 @@ def make_missing(
     Args:
         runs: configurations by absolute folder, since workers may have another working directory.
         jobs: number of worker processes, or the address of a Dask scheduler; None for one process per core.
-        title: title of the progress bar.
-        quiet: show no progress bar.
         drawn: plot each run.
         tensorboard: write TensorBoard events of each run.
     """

@@ -63,8 +63,6 @@ class TaskCheck:
 
         Args:
             episodes: exploring episodes of the first policy, with raw observations.
-            training: settings of the run.
-            spaces: spaces of the task.
         """
         first = episodes.take(slice(training.episodes_per_iteration))  # those that the run would use
         features = with_features(first, training.inputs)

@@ -16,12 +16,10 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the content of a file.
 
     Args:
-        path: the file.
         most: maximum size in bytes.
 
     Raises:
         ValueError: the file is larger.
-        OSError: the file cannot be read.
     """
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
@@ -34,7 +32,6 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file atomically; if that fails, the old file stays and no temporary file is left.
 
     Args:
-        path: the file.
         content: its new content.
         sync: wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage them.
 
@@ -107,7 +104,6 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises:
         ValueError: another process holds the lock.
-        OSError: the folder cannot be written.
     """
     with (folder / "lock").open("ab") as file:
         if not any(_is_taken(file) for _ in range(ATTEMPTS)):

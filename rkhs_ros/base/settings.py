@@ -71,7 +71,6 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
     """Build a settings dataclass from a tree of values.
 
     Args:
-        cls: the dataclass.
         values: plain values by field name, nested for nested settings.
         path: dotted prefix for messages.
 

@@ -77,7 +77,6 @@ def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64
     """Call a user's function with copies of arrays.
 
     Args:
-        function: the user's function.
         arrays: its arguments.
         seconds: time limit; 0 for none. The limit applies in the main thread only.
 

@@ -88,7 +88,6 @@ def read_yaml(path: Path) -> Any:
 
     Raises:
         ValueError: the file is not YAML, too large, or has aliases; the message names it.
-        OSError: the file cannot be read.
     """
     content = read_whole(path, MOST_BYTES)
     try:
@@ -141,7 +140,6 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 
     Raises:
         ValueError: the file is not a ROS parameter file.
-        OSError: the file cannot be read.
     """
     document = read_yaml(path)
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)

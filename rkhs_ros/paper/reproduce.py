@@ -49,7 +49,6 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Ta
     """Run an experiment, write the table of its returns to a CSV file named like it, and return them.
 
     Args:
-        experiment: the experiment.
         out: folder for the table and the runs, which are indexed by settings and provenance.
         make: function that starts or resumes runs in their folders, and returns the errors of failed runs by folder.
         runs: number of runs of each curve.

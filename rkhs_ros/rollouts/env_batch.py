@@ -50,7 +50,6 @@ class SeparateEnvs:
 
     Args:
         make: function that creates a copy.
-        name: name of the environment, for messages.
         most: maximum number of copies; 0 for ``num_envs`` of the environment's metadata, or any number.
     """
 

@@ -16,9 +16,6 @@ from rkhs_ros.rollouts.simulation import Frame, Simulation
 class InlineRunner:
     """Runner of policies in a simulation in this process; as a context manager it closes the simulation at the end.
 
-    Args:
-        simulation: simulation of the task.
-
     Attributes:
         record: callback for each finished batch.
     """
@@ -73,12 +70,7 @@ class InlineRunner:
 
 
 class EpisodeRecorder:
-    """Assembles the episodes of a batch step by step; entries after the end of an episode are 0.
-
-    Args:
-        batch: the batch to record.
-        spaces: spaces of its task.
-    """
+    """Assembles the episodes of a batch step by step; entries after the end of an episode are 0."""
 
     def __init__(self, batch: Batch, spaces: Spaces) -> None:
         shape = (batch.num_envs, batch.horizon)

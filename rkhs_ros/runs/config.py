@@ -157,7 +157,6 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
 
     Raises:
         ValueError: the file has another form, or a setting is unknown or invalid.
-        OSError: the file cannot be read.
     """
     if path.is_dir():
         remedy = f". To resume a run, use --resume {path}" * (path / "config.yaml").is_file()
@@ -209,7 +208,6 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     """Return the configuration of a run on an environment with the default settings.
 
     Args:
-        environment: Gymnasium id.
         horizon: steps of an episode; None for the default.
         changes: settings that replace the defaults, such as ``algorithm.ridge=0.1``.
 

@@ -58,7 +58,6 @@ class Curve:
 
         Raises:
             ValueError: the header or a line differs from what a run writes.
-            OSError: the file cannot be read.
         """
         if not self.path.exists():
             return []
@@ -69,19 +68,11 @@ class Curve:
         return [self._row(number, line) for number, line in enumerate(lines[1:], 2)]
 
     def begin(self, rows: Iterable[Row]) -> None:
-        """Replace the lines of the file.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Replace the lines of the file."""
         write_whole(self.path, "".join([HEADER + END, *map(_line, rows)]).encode(), sync=False)
 
     def append(self, row: Row) -> None:
-        """Append a line.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Append a line."""
         with named(self.path), self.path.open("ab") as file:
             file.write(_line(row).encode())
 

@@ -31,13 +31,7 @@ def save_episodes(path: Path, episodes: Episodes, task: Task, **further: np.ndar
     """Write episodes and their task; replace an existing file atomically.
 
     Args:
-        path: the file.
-        episodes: the episodes.
-        task: their task.
         **further: further arrays, by name.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     about = {"task": np.array(json.dumps(asdict(task), sort_keys=True))}
     write_whole(path, packed({**about, **further, **{name: getattr(episodes, name) for name in NAMES}}))

@@ -29,7 +29,6 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
 
     Args:
         training: settings of the learner, with model-based training.
-        spaces: spaces of the task.
         episodes: at least one episode.
 
     Raises:

@@ -71,9 +71,7 @@ def progress_bar(
     """Show the progress of a run on standard error; yield a function to call after each iteration.
 
     Args:
-        training: settings of the learner.
         done: number of iterations before a resumed run.
-        quiet: show nothing.
         folder: folder of the results, which each line names.
     """
     console = bar_console(quiet=quiet)

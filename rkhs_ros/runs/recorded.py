@@ -40,9 +40,6 @@ class RecordingRunner:
     """Runner that records the episodes of another runner, and does not repeat episodes that are already recorded.
 
     Args:
-        runner: the other runner.
-        recorder: recorder of the run.
-        file: file of the recording.
         held: recorded episodes that no update has used yet, by number.
     """
 
@@ -113,14 +110,10 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
     """Record a run in its folder, or continue its recording; print a warning if it was recorded with other versions.
 
     Args:
-        config: configuration of the run.
-        runner: runner of the episodes.
-        folder: folder of the run.
         sync: sync each message to the disk, such as for a robot, whose episodes are costly.
 
     Raises:
         ValueError: the recording belongs to another run, or lacks episodes, or the environment has changed.
-        OSError: the recording cannot be read or written.
     """
     given, training, is_robot = initial_policy(folder), config.training, bool(config.environment.nodes)
     file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=given is not None)
@@ -157,8 +150,6 @@ def state_of(recording: Recording, training: Training, spaces: Spaces, what: str
 
     Args:
         recording: the recording, with at least one update.
-        training: settings of the run.
-        spaces: spaces of the task.
         what: name of the recording, used in error messages.
 
     Raises:

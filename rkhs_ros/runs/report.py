@@ -42,7 +42,6 @@ def new_folder(folder: Path | None, name: str) -> Path:
 
     Raises:
         ValueError: the folder is not empty.
-        OSError: the folder cannot be created.
     """
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
@@ -99,18 +98,12 @@ class Report:
 
     Args:
         folder: an empty folder, or the folder of the run that resumes.
-        config: configuration of the run.
-        spaces: spaces of its task.
-        rows: rows of the finished iterations.
         policies: policies after these iterations.
 
     Attributes:
         rows: the rows of the learning curve so far.
         best_policy: the policy of best_policy.npz; None before the first evaluation.
         final: the evaluation at the end of the run, if there was one.
-
-    Raises:
-        OSError: the folder cannot be written.
     """
 
     def __init__(
@@ -142,11 +135,7 @@ class Report:
         self._curve.begin(self.rows)
 
     def add(self, iteration: Iteration) -> None:
-        """Write the line of an iteration, and its policy if its `evaluation_bound` is the greatest so far.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
+        """Write the line of an iteration, and its policy if its `evaluation_bound` is the greatest so far."""
         row = iteration.row(time.monotonic() - self._began)
         self._curve.append(row)
         self.rows.append(row)
@@ -156,11 +145,7 @@ class Report:
         self._last = iteration
 
     def decide(self, final: FinalEvaluation) -> None:
-        """Write final_evaluation.txt, and the last policy as best_policy.npz if it is better in fresh episodes.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
+        """Write final_evaluation.txt, and the last policy as best_policy.npz if it is better in fresh episodes."""
         self.final = final
         if final.last_is_better and self._last is not None:
             self.best_policy = self._last.policy
@@ -171,19 +156,11 @@ class Report:
         save_policy(self.folder / name, policy, self._config.task, self._spaces)
 
     def advise(self, advice: Advice) -> None:
-        """Append a line to advice.txt.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Append a line to advice.txt."""
         write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
 
     def finish(self) -> None:
-        """Write the last policy.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
+        """Write the last policy."""
         if self._last is not None:
             self._save("policy.npz", self._last.policy)
 
@@ -197,20 +174,12 @@ def advice_in(folder: Path) -> list[str]:
 
 
 def begin(folder: Path, config: Config) -> None:
-    """Write the configuration of a run, which makes the run resumable.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write the configuration of a run, which makes the run resumable."""
     write_whole(folder / CONFIGURATION, resolved(config).encode())
 
 
 def start_from(folder: Path, config: Config, policy: GaussianPolicy | None) -> None:
-    """Prepare the folder of a run that has not started: with an initial policy, or None for the default.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Prepare the folder of a run that has not started: with an initial policy, or None for the default."""
     file = folder / INITIAL_POLICY
     file.unlink(missing_ok=True)  # left by a run that was killed before it started
     if policy is not None:

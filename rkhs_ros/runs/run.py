@@ -35,8 +35,6 @@ def run_training(
     """Train and write the results.
 
     Args:
-        config: configuration of the run.
-        runner: runner of the episodes.
         folder: folder of the results, new or empty unless the run resumes; None for results/NAME/TIME.
         resume: resume the run in the folder.
         on_iteration: callback for each iteration, after its results are written.
@@ -70,10 +68,7 @@ def training_steps(
     The results are complete, and the run can be resumed, when the generator is exhausted or closed.
 
     Args:
-        config: configuration of the run.
-        runner: runner of the episodes.
         folder: existing folder of the results.
-        quiet: show no progress bar.
         resume: resume the run in the folder; with the same versions, its results are bit-identical to those of an
             uninterrupted run.
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
@@ -83,7 +78,6 @@ def training_steps(
     Raises:
         ValueError: the folder contains a run that is not to be resumed, no run to resume or a run with other settings,
             or is used by another process; or tensorboardX is needed and not installed.
-        OSError: the folder cannot be written.
     """
     tensorboard = has_events(folder, tensorboard)
     with locked(folder):

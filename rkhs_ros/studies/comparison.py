@@ -106,7 +106,6 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
 
     Raises:
         ValueError: a folder contains no run, or the runs cannot be compared.
-        OSError: a file cannot be read.
     """
     require(len(places) > 0, "compare", "at least one run's folder", "none")
     found = _found(places)

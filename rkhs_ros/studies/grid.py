@@ -81,11 +81,6 @@ def medians(outcomes: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def indexed_folder(folder: Path, config: Config) -> Path:
-    """Return the folder of a run within the folder of its study, named by a hash of settings and provenance.
-
-    Args:
-        folder: folder of the study.
-        config: configuration of the run.
-    """
+    """Return the folder of a run within the folder of its study, named by a hash of settings and provenance."""
     key = dumped(config.parameters()) + dumped(provenance())
     return folder / "runs" / blake2b(key.encode(), digest_size=12).hexdigest()

@@ -37,8 +37,6 @@ def run_parallel(
         arguments: arguments of each call.
         jobs: number of processes; 1 executes the calls in this process, None stands for one per core. A text is the
             address of a Dask scheduler, whose cluster replaces this machine.
-        title: title of the progress bar on stderr.
-        quiet: show no progress bar.
 
     Raises:
         WorkerLostError: a worker process was killed.
