@@ -205,7 +205,7 @@ def _chart(config: Config) -> Chart:
 
 def _episodes_of(run: Path) -> tuple[Episodes, Episodes]:
     """Return the first exploration episode of a run, and its evaluation episodes."""
-    return read_recording(run).exploration(1), load_episodes(run / "evaluation.npz").episodes
+    return read_recording(run).exploration(1), load_episodes(run / "evaluation.npz")[0]
 
 
 def frames(scenes: list[Scene], chart: Chart) -> Iterator[Image.Image]:

@@ -85,10 +85,6 @@ def resuming(run: Callable[[], int], stored: Callable[[], int]) -> int:
 
     A run that stores no further iteration is resumed as often at most, however long that takes: it may fail at the same
     step each time.
-
-    Args:
-        run: runs the nodes until one ends, and returns the exit code; resumes the run if it has started.
-        stored: returns the number of stored iterations.
     """
     resumed: list[float] = []
     code, iterations = run(), 0
@@ -117,11 +113,6 @@ def launch_worlds(config: Config, parameters: Path) -> int:
 
 def write_parameters(config: Config, file: Path, **learner: str | bool) -> Path:
     """Write the ROS parameter file of all nodes of a run; return its path.
-
-    Args:
-        config: configuration of the run. The learner receives its environment, too, and rejects another simulator.
-        file: where to write it; its folder is created if missing.
-        learner: further parameters of the learner, such as ``output``.
 
     Raises:
         ValueError: a parameter of the learner cannot be a ROS parameter.
@@ -230,10 +221,6 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     """Set a ROS domain that no other run uses for the nodes started in this context, and write it to the run's folder.
 
     A domain set by ROS_DOMAIN_ID stays.
-
-    Args:
-        folder: folder of the run; contains the file ``domain`` while the run is running.
-        default: domain if ROS_DOMAIN_ID is unset or empty, such as that of a robot; None for a free domain.
 
     Raises:
         RunError: all domains are in use.

@@ -73,11 +73,8 @@ def make_missing(
 ) -> dict[Path, str]:
     """Start or resume the unfinished runs, see `run_parallel`; return the errors of the failed runs by folder.
 
-    Args:
-        runs: configurations by absolute folder, since workers may have another working directory.
-        jobs: number of worker processes, or the address of a Dask scheduler; None for one process per core.
-        drawn: plot each run.
-        tensorboard: write TensorBoard events of each run.
+    The folders are absolute, since workers may have another working directory. With `drawn`, plot each run; with
+    `tensorboard`, write its events.
     """
     missing = [(path, each, drawn, tensorboard) for path, each in runs.items() if not _is_done(path, each, drawn)]
     ends: dict[Path, str | None] = {}

@@ -61,8 +61,7 @@ class TaskCheck:
     def of(cls, episodes: Episodes, training: Training, spaces: Spaces) -> TaskCheck:
         """Check a task.
 
-        Args:
-            episodes: exploring episodes of the first policy, with raw observations.
+        The episodes explore with the first policy; their observations are raw.
         """
         first = episodes.take(slice(training.episodes_per_iteration))  # those that the run would use
         features = with_features(first, training.inputs)
@@ -101,8 +100,7 @@ class TaskCheck:
     def lines(self, step_seconds: float | None) -> list[tuple[str, str]]:
         """Return the findings as names and values.
 
-        Args:
-            step_seconds: duration of a step in seconds; None if it is unknown.
+        The duration of a step in seconds is None if it is unknown.
         """
         return [
             ("episodes", self._lengths(step_seconds)),

@@ -15,9 +15,6 @@ MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4
 def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the content of a file.
 
-    Args:
-        most: maximum size in bytes.
-
     Raises:
         ValueError: the file is larger.
     """
@@ -31,9 +28,8 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
 def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file atomically; if that fails, the old file stays and no temporary file is left.
 
-    Args:
-        content: its new content.
-        sync: wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage them.
+    With `sync`, wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage
+    them.
 
     Raises:
         OSError: the file cannot be written; the message names it.
@@ -99,8 +95,7 @@ def is_locked(folder: Path) -> bool:
 def locked(folder: Path) -> Iterator[None]:
     """Hold the lock of a run folder; the kernel releases it when this process ends, however it ends.
 
-    Args:
-        folder: folder of the run. The file ``lock`` stays in it, because a new file would be another lock.
+    The file ``lock`` stays in the folder, because a new file would be another lock.
 
     Raises:
         ValueError: another process holds the lock.

@@ -15,11 +15,7 @@ _libc = ctypes.CDLL(None)
 
 
 def terminate_with_parent(parent: int) -> None:
-    """Make the kernel terminate this process when its parent dies, however it dies.
-
-    Args:
-        parent: process id of the parent.
-    """
+    """Make the kernel terminate this process when its parent dies, however it dies."""
     _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # the parent is already dead
         os.kill(os.getpid(), signal.SIGTERM)

@@ -33,9 +33,7 @@ def isolated_from_user_code() -> Iterator[None]:
 def user_module(module: str, remedy: str) -> ModuleType:
     """Import a module.
 
-    Args:
-        module: its name.
-        remedy: how to import a module from the current folder, for messages.
+    The remedy says how to import a module from the current folder.
 
     Raises:
         ValueError: the module cannot be imported.
@@ -54,9 +52,7 @@ def user_module(module: str, remedy: str) -> ModuleType:
 def user_function(name: str, what: str) -> Callable[..., Any]:
     """Return the function with the name ``package.module:function``.
 
-    Args:
-        name: name in the form above.
-        what: the setting that names it, for messages.
+    `what` is the setting that names it, for messages.
 
     Raises:
         ValueError: the function does not exist.
@@ -76,9 +72,7 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
 def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64], seconds: float = 0.0) -> Any:
     """Call a user's function with copies of arrays.
 
-    Args:
-        arrays: its arguments.
-        seconds: time limit; 0 for none. The limit applies in the main thread only.
+    The time limit in seconds, 0 for none, applies in the main thread only.
 
     Raises:
         RunError: the function exceeds the time limit or raises anything but an interrupt, including ``SystemExit``.

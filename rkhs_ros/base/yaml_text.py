@@ -104,9 +104,7 @@ def dumped(tree: Mapping[str, Any]) -> str:
 def require_ros_value(value: Any, name: str) -> None:
     """Check that a value can be a ROS parameter.
 
-    Args:
-        value: value of a parameter, or a section of parameters.
-        name: name of the parameter, for messages.
+    The value may be a section of parameters; the name is for messages.
 
     Raises:
         ValueError: the value is not a boolean, a 64-bit integer, a finite number, UTF-8 text or a list of one type.
@@ -154,9 +152,7 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 def is_for(section: str, node: str) -> bool:
     """Return whether a section applies to a node.
 
-    Args:
-        section: name of the section in the file, possibly with wildcards, such as ``/**/simulator``.
-        node: full name of the node, such as ``/lab/simulator``.
+    The section may have wildcards, such as ``/**/simulator``; the node has its full name, such as ``/lab/simulator``.
     """
     parts = section.strip("/").split("/")
     return re.fullmatch("".join(WILDCARDS.get(part, "/" + re.escape(part)) for part in parts), node) is not None

@@ -48,10 +48,8 @@ Table = dict[tuple[str, str], Returns]  # by panel and curve
 def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Table:
     """Run an experiment, write the table of its returns to a CSV file named like it, and return them.
 
-    Args:
-        out: folder for the table and the runs, which are indexed by settings and provenance.
-        make: function that starts or resumes runs in their folders, and returns the errors of failed runs by folder.
-        runs: number of runs of each curve.
+    The runs are indexed by settings and provenance; `make` starts or resumes them in their folders, and returns the
+    errors of failed runs by folder.
 
     Raises:
         RunError: a run failed.

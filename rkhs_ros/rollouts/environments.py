@@ -83,10 +83,6 @@ def options_of(source: Source) -> dict[str, Any]:
 def time_limit(source: Source, options: Mapping[str, Any] | None = None) -> int | None:
     """Return the time limit of an environment in steps; None if it has none.
 
-    Args:
-        source: an id, an environment, or a function that returns one.
-        options: keyword arguments of the environment; only with an id.
-
     Raises:
         ValueError: the id is unknown, or an option that changes the time limit is invalid.
     """

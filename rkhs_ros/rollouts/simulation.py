@@ -130,9 +130,7 @@ class Simulation:
     def start(self, batch: Batch, seeds: Sequence[int] = ()) -> Frame:
         """Start the episodes of a batch.
 
-        Args:
-            batch: the episodes.
-            seeds: seeds for the resets, one per environment, instead of those of the batch.
+        The seeds for the resets, one per environment, replace those of the batch.
 
         Raises:
             ValueError: the batch exceeds the capacity, or the seeds do not fit.

@@ -207,9 +207,7 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:
     """Return the configuration of a run on an environment with the default settings.
 
-    Args:
-        horizon: steps of an episode; None for the default.
-        changes: settings that replace the defaults, such as ``algorithm.ridge=0.1``.
+    A horizon of None stands for the default; changes are texts such as ``algorithm.ridge=0.1``.
 
     Raises:
         ValueError: a setting is unknown or invalid.
@@ -237,9 +235,7 @@ def name_of_run(environment: str) -> str:
 def tree_of(changes: Iterable[str], tree: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return a tree of settings with some of them replaced.
 
-    Args:
-        changes: new values, such as ``algorithm.ridge=0.1``.
-        tree: the settings to change; None for an empty tree.
+    Changes are texts such as ``algorithm.ridge=0.1``; no tree stands for an empty one.
 
     Raises:
         ValueError: a change is not ``KEY=VALUE`` with a value in YAML.

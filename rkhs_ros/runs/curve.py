@@ -28,9 +28,7 @@ def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
 def seconds_left(rows: Sequence[Row], iterations: int) -> float:
     """Return the predicted remaining time of a run in seconds; nan if there are fewer than two lines.
 
-    Args:
-        rows: all lines, or the last ones.
-        iterations: total number of iterations.
+    The rows are all or the last ones; `iterations` is the total number.
     """
     if len(rows) < 2:
         return NAN

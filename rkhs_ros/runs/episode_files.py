@@ -3,7 +3,6 @@
 import json
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,30 +14,14 @@ from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
 NAMES = tuple(f.name for f in fields(Episodes))
 
 
-class SavedEpisodes(NamedTuple):
-    """Content of a file of episodes.
-
-    Attributes:
-        episodes: observations, actions and rewards.
-        task: task of the episodes; None if the file does not contain it.
-    """
-
-    episodes: Episodes
-    task: Task | None
-
-
-def save_episodes(path: Path, episodes: Episodes, task: Task, **further: np.ndarray) -> None:
-    """Write episodes and their task; replace an existing file atomically.
-
-    Args:
-        **further: further arrays, by name.
-    """
+def save_episodes(path: Path, episodes: Episodes, task: Task) -> None:
+    """Write episodes and their task; replace an existing file atomically."""
     about = {"task": np.array(json.dumps(asdict(task), sort_keys=True))}
-    write_whole(path, packed({**about, **further, **{name: getattr(episodes, name) for name in NAMES}}))
+    write_whole(path, packed({**about, **{name: getattr(episodes, name) for name in NAMES}}))
 
 
-def load_episodes(path: Path) -> SavedEpisodes:
-    """Read episodes from a file, which other programs may have written.
+def load_episodes(path: Path) -> tuple[Episodes, Task | None]:
+    """Read episodes and their task, None if unknown, from a file, which other programs may have written.
 
     Args:
         path: an npz file with ``observations`` of shape (N, H, d) and ``actions`` (N, H, n). Optional arrays are
@@ -52,7 +35,7 @@ def load_episodes(path: Path) -> SavedEpisodes:
     try:
         arrays = unpacked(read_whole(path))
         task = Task(**json.loads(str(arrays["task"]))) if "task" in arrays else None
-        return SavedEpisodes(_episodes(arrays), task)
+        return _episodes(arrays), task
     except FileNotFoundError:
         raise
     except Exception as error:  # a damaged archive raises almost anything

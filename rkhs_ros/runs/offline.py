@@ -27,10 +27,6 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     A model of most episodes is tested on the held-out ones. With ``action_repeat: auto``, the recorded episodes
     determine the action repeat.
 
-    Args:
-        training: settings of the learner, with model-based training.
-        episodes: at least one episode.
-
     Raises:
         ValueError: a setting is invalid, or the settings contain no model.
     """
@@ -66,8 +62,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
 def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
     """Return the completed episodes of all recordings.
 
-    Args:
-        recordings: recordings of one task, by the names for error messages.
+    The names of the recordings are for error messages.
 
     Raises:
         ValueError: the recordings have different tasks, or contain no episodes.

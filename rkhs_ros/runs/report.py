@@ -29,7 +29,6 @@ ADVICE = "advice.txt"  # one line for each sign that the run does not learn
 BEST_POLICY = "best_policy.npz"
 INITIAL_POLICY = "initial_policy.npz"
 FINAL_EVALUATION = "final_evaluation.txt"
-KEPT_LAST = "kept the last policy"  # in this file
 # Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
     *("initial_policy.npz", "initial_policy.npz.part", "config.yaml.part"),
@@ -233,15 +232,28 @@ def summary(folder: Path, config: Config) -> str:
     evaluations = f" and {last.evaluation_episodes} evaluation episodes" if last.evaluation_episodes else ""
     final = folder / FINAL_EVALUATION
     lines = [
-        f"Trained on {config.environment.id} for {_episodes(last.episodes)}{evaluations} in {last.seconds:.1f} s, "
+        f"Trained on {config.environment.id} for {last.episodes} episodes{evaluations} in {last.seconds:.1f} s, "
         f"with {last.steps} steps of experience.",
-        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows, folder)}; "
+        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows)}; "
         f"{len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
         *([f"Final evaluation: {read_whole(final).decode().strip()}."] if final.is_file() else []),
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         next_steps(folder, config),
     ]
     return "\n".join(lines)
+
+
+def _end(rows: list[Row]) -> str:
+    evaluated = [row for row in rows if not isnan(row.evaluation_return)]
+    if not evaluated:
+        return f"{rows[-1].exploration_return:.4g} in the last"
+    bounds, last = evaluation_bounds(rows), evaluated[-1]
+    best = rows[bounds.index(max(bounds))]
+    undiscounted = f"undiscounted {last.undiscounted_evaluation_return:.4g}"
+    return (
+        f"{last.evaluation_return:.4g} ({undiscounted}) in the last evaluation, "
+        f"{best.evaluation_return:.4g} in the best (after {best.episodes} episodes)"
+    )
 
 
 def interruption_summary(folder: Path, config: Config) -> str:
@@ -270,23 +282,3 @@ def _environment(config: Config) -> str:
     """Return the option that names the environment of a run, if that names its module."""
     environment = config.environment.id
     return f" --env {quote(environment)}" if ":" in environment else ""
-
-
-def _end(rows: list[Row], folder: Path) -> str:
-    bounds = evaluation_bounds(rows)
-    if max(bounds) == -inf:
-        return f"{rows[-1].exploration_return:.4g} in the last"
-    at = rows[bounds.index(max(bounds))]
-    last = next(row for row in reversed(rows) if not isnan(row.evaluation_return))
-    end = "" if last is rows[-1] else f" (after {_episodes(last.episodes)})"
-    final_evaluation = folder / FINAL_EVALUATION
-    is_kept = at is not last and not (final_evaluation.is_file() and KEPT_LAST in final_evaluation.read_text())
-    file = f", {BEST_POLICY}" if is_kept else ""
-    total = last.undiscounted_evaluation_return
-    undiscounted = f" (undiscounted {total:.4g})" if total != last.evaluation_return else ""
-    final = f"{last.evaluation_return:.4g}{undiscounted} in the last evaluation{end}"
-    return f"{final}, {at.evaluation_return:.4g} in the best (after {_episodes(at.episodes)}{file})"
-
-
-def _episodes(count: int) -> str:
-    return f"{count} episode{'s' * (count != 1)}"

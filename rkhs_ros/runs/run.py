@@ -32,16 +32,11 @@ def run_training(
     on_iteration: OnIteration = lambda iteration, rows: None,
     **options: Any,
 ) -> Path:
-    """Train and write the results.
+    """Train and write the results; return their folder.
 
-    Args:
-        folder: folder of the results, new or empty unless the run resumes; None for results/NAME/TIME.
-        resume: resume the run in the folder.
-        on_iteration: callback for each iteration, after its results are written.
-        options: further options of `training_steps`, which raises the same errors.
-
-    Returns:
-        The folder of the results.
+    The folder is new or empty unless the run resumes, and None stands for results/NAME/TIME. Each iteration is passed
+    to the callback after its results are written. Further options are those of `training_steps`, which raises the same
+    errors.
     """
     folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
     with closing(training_steps(config, runner, folder, resume=resume, **options)) as steps:
@@ -68,7 +63,10 @@ def training_steps(
     The results are complete, and the run can be resumed, when the generator is exhausted or closed.
 
     Args:
+        config: configuration of the run.
+        runner: runner of the episodes.
         folder: existing folder of the results.
+        quiet: show no progress bar.
         resume: resume the run in the folder; with the same versions, its results are bit-identical to those of an
             uninterrupted run.
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.

@@ -34,13 +34,12 @@ class Estimate(NamedTuple):
 def aggregates(episodes: Array, returns: Array) -> dict[str, Any]:
     """Return statistics of the runs of a learning curve by name.
 
+    Given are the number of exploration episodes up to each iteration, shape (iterations,), and the returns of each run,
+    shape (runs, iterations).
+
     These are the means of the final returns and of the greatest return of each run, the interquartile mean and the
     median of the final returns, and the mean return over the exploration episodes, from the first evaluation to the
     last. The first three are estimates with intervals.
-
-    Args:
-        episodes: number of exploration episodes up to each iteration, shape (iterations,).
-        returns: returns of each run, shape (runs, iterations).
     """
     final, span = returns[:, -1], episodes[-1] - episodes[0]
     areas = trapezoid(returns, episodes) / span if span > 0 else final

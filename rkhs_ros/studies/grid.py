@@ -64,9 +64,7 @@ def require_evaluated(config: Config) -> None:
 def outcome(rows: Sequence[Row], thresholds: Sequence[float]) -> dict[str, float]:
     """Return the result of a run: its last and its greatest evaluation return, and the episodes to each threshold.
 
-    Args:
-        rows: learning curve of the run, with at least one evaluation.
-        thresholds: returns; the number of exploration episodes until one is reached is infinite if it never was.
+    The number of exploration episodes to a threshold that was never reached is infinite.
     """
     evaluated = [row for row in rows if not np.isnan(row.evaluation_return)]
     returns = [row.evaluation_return for row in evaluated]

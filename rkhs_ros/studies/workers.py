@@ -32,11 +32,9 @@ def run_parallel(
 ) -> Iterator[T]:
     """Call a function in parallel and yield the results in order of completion.
 
-    Args:
-        call: a function at the top level of a module, so that other processes can import it.
-        arguments: arguments of each call.
-        jobs: number of processes; 1 executes the calls in this process, None stands for one per core. A text is the
-            address of a Dask scheduler, whose cluster replaces this machine.
+    The function is at the top level of a module, so that other processes can import it. `jobs` is the number of
+    processes: 1 executes the calls in this process, None stands for one per core, and a text is the address of a Dask
+    scheduler, whose cluster replaces this machine.
 
     Raises:
         WorkerLostError: a worker process was killed.

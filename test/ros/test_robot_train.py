@@ -63,7 +63,7 @@ def test_a_run_on_a_simulated_robot_is_resumed_and_its_policy_evaluated(start: S
     recorded = (folder / "recording.mcap").read_bytes()
     code, out, err = start("rkhs", "evaluate", folder, "--episodes", 2, "--discount", 1.0).finish()
     assert code == 0, err
-    told, episodes = json.loads(out), load_episodes(folder / "evaluation.npz").episodes
+    told, episodes = json.loads(out), load_episodes(folder / "evaluation.npz")[0]
     assert (told["environment"], told["episodes"]) == ("motor_pendulum", 2)
     np.testing.assert_allclose(told["mean"], episodes.returns(1.0).mean())
     policy, _, spaces = read_policy(folder / "policy.npz")

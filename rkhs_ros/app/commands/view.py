@@ -81,9 +81,6 @@ def page_beside(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Serve the page of a run in a separate process, whose failure does not affect the run.
 
     Print the address of the page before the run starts.
-
-    Args:
-        folder: folder of the run, which must be recorded.
     """
     command = [*python("rkhs_ros.app.cli"), "view", "--wait", str(folder / FILE)]
     page = subprocess.Popen(

@@ -50,16 +50,16 @@ def test_saved_episodes_are_read_back_with_optional_fields_missing(
 ) -> None:
     shown, task = random_episodes(random_policy(), masked=True), Task("Pendulum-v1", {"g": 9.0}, 8, 0.9)
     save_episodes(tmp_path / "e.npz", shown, task)
-    back = load_episodes(tmp_path / "e.npz")
-    assert back.task == task
+    back, known = load_episodes(tmp_path / "e.npz")
+    assert known == task
     for name in ("observations", "actions", "rewards", "mask", "final_observations", "terminated"):
-        assert np.array_equal(getattr(back.episodes, name), getattr(shown, name))
+        assert np.array_equal(getattr(back, name), getattr(shown, name))
     np.savez(tmp_path / "few.npz", observations=shown.observations, actions=shown.actions)
-    few = load_episodes(tmp_path / "few.npz")
-    assert few.task is None
-    assert few.episodes.mask.all()
-    assert not few.episodes.rewards.any()
-    assert np.array_equal(few.episodes.final_observations, shown.observations[:, -1])
+    few, known = load_episodes(tmp_path / "few.npz")
+    assert known is None
+    assert few.mask.all()
+    assert not few.rewards.any()
+    assert np.array_equal(few.final_observations, shown.observations[:, -1])
 
 
 SHOWN = {"observations": np.zeros((2, 3, 1)), "actions": np.zeros((2, 3, 1))}

@@ -99,7 +99,7 @@ def test_evaluating_imitated_episodes_requires_an_environment(rkhs: Rkhs) -> Non
     np.savez("demo.npz", observations=rng.normal(size=(2, 30, 2)), actions=rng.normal(size=(2, 30, 1)))
     assert rkhs("imitate", "demo.npz", "--env", "my_slide:Slide-v0").code == 0
     assert json.loads(rkhs("evaluate", "imitated.npz", "--episodes", 1).out)["environment"] == "my_slide:Slide-v0"
-    assert load_episodes(Path("demo.npz")).task is None
+    assert load_episodes(Path("demo.npz"))[1] is None
     assert rkhs("imitate", "demo.npz", "--out", "nowhere.npz").code == 0
     assert load("nowhere.npz")(np.zeros(2)).shape == (1,)
 
@@ -112,7 +112,7 @@ def test_evaluating_imitated_episodes_requires_an_environment(rkhs: Rkhs) -> Non
             " is similar. Module my_slide does not register it: call gymnasium.register in it",
         ),
         (("train", "--env", "Xyzzy-v0"), " is similar. For a custom module, use MODULE:Xyzzy-v0"),
-        (("train", "Pendulum-v1"), ". For an environment, use rkhs train --env Pendulum-v1"),
+        (("train", "Pendulum-v1"), ". For an environment, use --env Pendulum-v1"),
         (("imitate", "few.npz", "--env", "Pendulum-v1"), "observations: expected 3 numbers for Pendulum-v1"),
         (("evaluate", "nowhere.npz"), "expected a policy that names its environment"),
     ],
