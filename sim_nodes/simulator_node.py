@@ -40,7 +40,11 @@ class SimulatorNode(ReportingNode):
             ValueError: an unknown parameter, or an unsupported environment.
         """
         tree = given(self, needs_section=True)
-        self._simulation = self.resources.enter_context(closing(self._make_simulation(tree)))
+        require_known(tree, "environment")
+        environment = environment_from(tree.get("environment", {}))
+        declare(self, environment.entries())
+        simulation = Simulation(environment.id, environment.options, environment.num_envs)
+        self._simulation = self.resources.enter_context(closing(simulation))
         self._batch: Batch | None = None  # that runs
         self._identity = 0
         self._step = 0
@@ -66,12 +70,6 @@ class SimulatorNode(ReportingNode):
             raise SilentError(f"the policy node did not act within {self._timeout:g} s")
         return self.diagnostics.heartbeat()
 
-    def _make_simulation(self, tree: dict[str, dict[str, object]]) -> Simulation:
-        require_known(tree, "environment")
-        environment = environment_from(tree.get("environment", {}))
-        declare(self, environment.entries())
-        return Simulation(environment.id, environment.options, environment.num_envs)
-
     def _report(self) -> dict[str, object]:
         return {"serving version": self._version, "batch": self._identity, "step": self._step}
 
@@ -83,14 +81,11 @@ class SimulatorNode(ReportingNode):
             response.message = message
             return response
         with self.diagnostics.accepting(response, "start_episodes"):
-            self._check_task(request)
+            ours = (self._simulation.environment, json.dumps(self._simulation.options))
+            requested = (request.environment, request.options)
+            require(requested == ours, "task", " with options ".join(ours), " with options ".join(requested))
             self._begin(request, batch_of(request))
         return response
-
-    def _check_task(self, request: StartEpisodes.Request) -> None:
-        ours = (self._simulation.environment, json.dumps(self._simulation.options))
-        requested = (request.environment, request.options)
-        require(requested == ours, "task", " with options ".join(ours), " with options ".join(requested))
 
     def _begin(self, request: StartEpisodes.Request, batch: Batch) -> None:
         seeds, failure = request.environment_seeds.tolist(), ""

@@ -101,11 +101,6 @@ class Camera:
         self.size = size
         self._rays = FINER * size[0], FINER * size[1]
 
-    def pixel(self, point: Array) -> tuple[float, float]:
-        """Return the column and row of the picture at which a point in metres appears."""
-        column, row = self._seen(point[None])[0] / FINER
-        return float(column), float(row)
-
     def picture(self, bodies: list[Body], positions: Array, orientations: Array) -> Pixels:
         """Return the RGB picture of bodies, shape (height, width, 3).
 

@@ -20,21 +20,13 @@ FRAMED = (-0.2, -0.7, 0.45), (0.9, 0.5, 1.5)  # m, corners of what a picture sho
 
 
 class Outcome(NamedTuple):
-    """Outcome of a changed demonstration.
+    """Outcome of a changed demonstration."""
 
-    Attributes:
-        reward: from 0 to 1.
-        success: whether the door is open at the end.
-        door_angle: at the end, rad.
-        tracking_error: the first part of the cost; infinite if the arm cannot reach the path.
-        trajectory: the executed motion; None if the arm cannot reach the path.
-    """
-
-    reward: float
-    success: bool
-    door_angle: float
-    tracking_error: float
-    trajectory: Trajectory | None
+    reward: float  # from 0 to 1
+    success: bool  # whether the door is open at the end
+    door_angle: float  # at the end, rad
+    tracking_error: float  # the first part of the cost; infinite if the arm cannot reach the path
+    trajectory: Trajectory | None  # the executed motion; None if the arm cannot reach the path
 
 
 class PR2Door(VectorTask):
@@ -88,15 +80,10 @@ class PR2Door(VectorTask):
     ) -> None:
         if pose not in POSES:
             raise ValueError(f"pose: expected one of {', '.join(POSES)}, got '{pose}'")
-        if not isinstance(pose_seed, int) or pose_seed < 0:
-            raise ValueError(f"pose_seed: expected a whole number from 0, got {pose_seed!r}")
-        first = np.asarray(start, dtype=np.float64)
-        if first.shape != (2,) or not np.all(np.isfinite(first)):
-            raise ValueError(f"start: expected two finite numbers, got {start!r}")
         super().__init__(num_envs, 1, render_mode)
         self.pose = pose
         self.pose_seed = pose_seed
-        self.start = first
+        self.start = np.array(start, dtype=np.float64)
         self.outcomes: list[Outcome] = []
         self._world: World | None = None
         self._is_drawn = False  # since the last step

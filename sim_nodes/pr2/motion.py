@@ -74,30 +74,18 @@ def finger_angle(opening: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Chain:
-    """A chain of revolute joints whose frames are parallel at zero angles.
+    """A chain of revolute joints whose frames are parallel at zero angles."""
 
-    Attributes:
-        origins: of each joint in the previous frame, shape (n, 3).
-        axes: of each joint, unit vectors, shape (n, 3).
-        lower: least angles, shape (n,).
-        upper: greatest angles, shape (n,).
-        tool: position of the tool in the last frame, shape (3,).
-    """
-
-    origins: Array
-    axes: Array
-    lower: Array
-    upper: Array
-    tool: Array
+    origins: Array  # of each joint in the previous frame, shape (n, 3)
+    axes: Array  # of each joint, unit vectors, shape (n, 3)
+    lower: Array  # least angles, shape (n,)
+    upper: Array  # greatest angles, shape (n,)
+    tool: Array  # position in the last frame, shape (3,)
 
     def forward(self, q: Array) -> tuple[Array, Array]:
         """Return positions (k, 3) and rotation matrices (k, 3, 3) of the tool at angles of shape (k, n)."""
         position, rotation, _, _ = self._frames(q)
         return position, rotation
-
-    def jacobian(self, q: Array) -> Array:
-        """Return the derivatives of position and rotation vector, shape (k, 6, n)."""
-        return self._forward_and_jacobian(q)[2]
 
     def solve(self, start: Array, position: Array, rotation: Array, iterations: int = 40) -> tuple[Array, Array]:
         r"""Find angles at which the tool is at a position and rotation, by damped least squares.
@@ -117,7 +105,7 @@ class Chain:
         """
         q = np.clip(start, self.lower, self.upper)
         for _ in range(iterations):
-            at, turned, jacobian = self._forward_and_jacobian(q)
+            at, turned, jacobian = self.forward_and_jacobian(q)
             error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
             if np.max(np.abs(error)) < TOLERANCE:
                 break
@@ -126,7 +114,8 @@ class Chain:
         error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
         return q, np.sqrt(np.sum(error**2, axis=1))
 
-    def _forward_and_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+    def forward_and_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return also the derivatives of the position and the rotation vector, shape (k, 6, n), see `forward`."""
         position, rotation, points, axes = self._frames(q)
         linear = np.cross(axes, position[:, None, :] - points)
         return position, rotation, np.concatenate([linear, axes], axis=2).swapaxes(1, 2)
@@ -161,21 +150,13 @@ def arm_chain() -> Chain:
 
 @dataclass(frozen=True)
 class Demonstration:
-    """The demonstrated motion, in the frame of the robot's base at its nominal pose, which is the world frame.
+    """The demonstrated motion, in the frame of the robot's base at its nominal pose, which is the world frame."""
 
-    Attributes:
-        times: seconds of the knots, shape (k,).
-        arm: angles of the arm, shape (k, 7).
-        openings: metres between the finger tips, shape (k,).
-        positions: of the tool, shape (k, 3).
-        rotations: of the tool, shape (k, 3, 3).
-    """
-
-    times: Array
-    arm: Array
-    openings: Array
-    positions: Array
-    rotations: Array
+    times: Array  # seconds of the knots, shape (k,)
+    arm: Array  # angles, shape (k, 7)
+    openings: Array  # metres between the finger tips, shape (k,)
+    positions: Array  # of the tool, shape (k, 3)
+    rotations: Array  # of the tool, shape (k, 3, 3)
 
 
 @cache
@@ -187,15 +168,10 @@ def demonstration() -> Demonstration:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the arm and gripper, at the demonstration's knots.
+    """A motion of the arm and gripper, at the demonstration's knots."""
 
-    Attributes:
-        arm: angles of the arm, shape (k, 7).
-        openings: metres between the finger tips, shape (k,).
-    """
-
-    arm: Array
-    openings: Array
+    arm: Array  # angles, shape (k, 7)
+    openings: Array  # metres between the finger tips, shape (k,)
 
 
 def adapted(original: Demonstration, action: Array) -> Motion | None:

@@ -43,25 +43,14 @@ _FORCES = EFFORT.tolist()
 
 @dataclass(frozen=True)
 class Trajectory:
-    """An executed motion, at its knots.
+    """An executed motion, at its k knots."""
 
-    Attributes:
-        positions: of the joints `JOINT_NAMES`, shape (k, 11).
-        velocities: of these joints, shape (k, 11).
-        torques: of their motors, shape (k, 11).
-        door: angle of the door, rad, shape (k,).
-        lever: angle of the lever, rad, shape (k,).
-        tool: position of the tool in the world, shape (k, 3).
-        openings: metres between the finger tips, shape (k,).
-    """
-
-    positions: Array
-    velocities: Array
-    torques: Array
-    door: Array
-    lever: Array
-    tool: Array
-    openings: Array
+    positions: Array  # of the joints `JOINT_NAMES`, shape (k, 11)
+    velocities: Array  # of these joints, shape (k, 11)
+    door: Array  # angle, rad, shape (k,)
+    lever: Array  # angle, rad, shape (k,)
+    tool: Array  # position in the world, shape (k, 3)
+    openings: Array  # metres between the finger tips, shape (k,)
 
 
 class World:
@@ -122,7 +111,6 @@ class World:
         self._place(knots(motion)[0], np.zeros(2), base)
         self._set_latch(True)
         self._measure()
-        self._torque = [0.0] * len(self._joints)  # the measured ones are from the previous motion
 
     def _place(self, robot: Array, door: Array, base: Array) -> None:
         """Set the angles of all joints, and the pose of the robot's base."""
@@ -163,12 +151,9 @@ class World:
         if held != self._latched:
             self._set_latch(held)
         # Simulate the spring by a motor with limited force: exact while the lever is held, and without overshoot.
+        torque = 1.2 + 1.5 * max(turned, 0.0)  # N m
         client.setJointMotorControl2(
-            self._door,
-            self._lever,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocity=-RETURN_SPEED,
-            force=-spring(turned),
+            self._door, self._lever, pybullet.VELOCITY_CONTROL, targetVelocity=-RETURN_SPEED, force=torque
         )
         client.stepSimulation()
 
@@ -182,18 +167,17 @@ class World:
     def _measure(self) -> None:
         states = self.client.getJointStates(self._robot, self._joints)
         self._q, self._v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
-        self._torque = [s[3] for s in states]
 
     def _knot(self) -> Array:
         angles = [state[0] for state in self.client.getJointStates(self._door, (self._hinge, self._lever))]
-        return np.concatenate([self._q, self._v, self._torque, angles])
+        return np.concatenate([self._q, self._v, angles])
 
     def _trajectory(self, states: Array, base: Array) -> Trajectory:
-        positions, velocities, torques, angles = np.split(states, [11, 22, 33], axis=1)
+        positions, velocities, angles = np.split(states, [11, 22], axis=1)
         tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
         openings = gap(positions[:, _FINGERS]).mean(axis=1)
         place = tool + np.array([base[0], base[1], 0.0])
-        return Trajectory(positions, velocities, torques, angles[:, 0], angles[:, 1], place, openings)
+        return Trajectory(positions, velocities, angles[:, 0], angles[:, 1], place, openings)
 
     def _load(self, name: str) -> int:
         with as_file(files(__package__).joinpath(name)) as path:
@@ -213,16 +197,9 @@ class World:
             self.client.changeDynamics(self._robot, tip, localInertiaDiagonal=(GEARED_INERTIA,) * 3)
 
 
-def spring(lever: float) -> float:
-    """Return the torque, in N m, that returns the lever from an angle."""
-    return -(1.2 + 1.5 * max(lever, 0.0))
-
-
 def latched(before: bool, door: float, lever: float) -> bool:
     """Return whether the latch holds the door, given its previous state and the angles."""
-    if lever > UNLATCHED:
-        return False
-    return before or door < SHUT
+    return lever <= UNLATCHED and (before or door < SHUT)
 
 
 def _commands(motion: Motion) -> tuple[Array, Array]:

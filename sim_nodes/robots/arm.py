@@ -69,17 +69,11 @@ class ArmSettings(RobotSettings):
 
 
 class ArmReadings(NamedTuple):
-    """Readings of the arm's sensors.
-
-    Attributes:
-        joints: of the seven joints.
-        tool: pose of the tool in the base's frame.
-        mark: position of the mark, x, y, z in metres, in the base's frame.
-    """
+    """Readings of the arm's sensors."""
 
     joints: JointReadings
-    tool: Pose
-    mark: tuple[float, ...]
+    tool: Pose  # in the base's frame
+    mark: tuple[float, ...]  # position x, y, z in metres, in the base's frame
 
 
 class ArmRobot(Robot):

@@ -19,17 +19,11 @@ BRAKE = 20.0  # rad/s² of each joint
 
 @dataclass(frozen=True)
 class JointCommand:
-    """Successive set points of joints.
+    """Successive set points of joints."""
 
-    Attributes:
-        names: of the joints; other joints keep their set points. Empty for all joints in order.
-        times: seconds since the arrival of the command, shape (k,).
-        positions: rad, k points, each with one number per name unless malformed.
-    """
-
-    names: tuple[str, ...]
-    times: tuple[float, ...]
-    positions: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...]  # other joints keep their set points; empty for all joints in order
+    times: tuple[float, ...]  # seconds since the arrival of the command
+    positions: tuple[tuple[float, ...], ...]  # rad, a point for each time, with one number per name unless malformed
 
 
 @dataclass(frozen=True)
@@ -50,21 +44,15 @@ class Drives:
     The motion :math:`x` follows the set points :math:`c` by :math:`\ddot x = w^2 (c - x) - 2 w \dot x`.
 
     Attributes:
-        joints: their names.
-        limits: of the supervision.
-        position: rad, shape (n,).
-        velocity: rad/s, shape (n,).
-        time: s.
         set_points: times in s, shape (k,), and positions in rad, shape (k, n), between which the drives interpolate
             linearly; None before the first command and while stopped, when the brakes hold.
-        protection: state of the protective stop.
     """
 
     joints: tuple[str, ...]
     limits: DriveLimits
-    position: Array
-    velocity: Array
-    time: float = 0.0
+    position: Array  # rad, shape (n,)
+    velocity: Array  # rad/s, shape (n,)
+    time: float = 0.0  # s
     set_points: tuple[Array, Array] | None = None
     protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
 

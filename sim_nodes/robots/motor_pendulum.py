@@ -49,28 +49,18 @@ class MotorPendulumSettings(RobotSettings):
 
 @dataclass(frozen=True)
 class MotorPendulum:
-    """The state of the pendulum and its motor.
-
-    Attributes:
-        limits: of the motor.
-        angle: rad, in [-pi, pi]; 0 is upright.
-        velocity: rad/s.
-        torque: of the motor, N m.
-        is_driven: whether the motor is on; otherwise its brake is.
-        protection: state of the protective stop.
-    """
+    """The state of the pendulum and its motor."""
 
     limits: MotorLimits = MotorLimits()
-    angle: float = -math.pi
-    velocity: float = 0.0
-    torque: float = 0.0
-    is_driven: bool = False
+    angle: float = -math.pi  # rad, in [-pi, pi]; 0 is upright
+    velocity: float = 0.0  # rad/s
+    torque: float = 0.0  # of the motor, N m
+    is_driven: bool = False  # whether the motor is on; otherwise its brake is
     protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
 
     def heard(self, command: Sequence[float]) -> MotorPendulum:
         """Return the state after a torque command arrives: the motor applies it, or the protective stop triggers."""
-        violation = self._violation(command)
-        if violation is not None:
+        if (violation := self._violation(command)) is not None:
             return self.tripped(*violation)
         if self.protection.is_stopped:
             return self
@@ -126,10 +116,7 @@ def _braked(velocity: float, seconds: float) -> float:
 
 
 class MotorPendulumRobot(Robot):
-    """The pendulum as a simulated robot.
-
-    Owns its state and the streams of its noise.
-    """
+    """The pendulum as a simulated robot; owns its state and the streams of its noise."""
 
     def __init__(self, settings: MotorPendulumSettings) -> None:
         super().__init__(settings, MotorPendulum(settings.limits))

@@ -33,15 +33,10 @@ class JointReadings(NamedTuple):
 
 @dataclass(frozen=True)
 class Protection:
-    """State of a robot's protective stop.
+    """State of a robot's protective stop."""
 
-    Attributes:
-        counts: number of violations since the robot started, by kind.
-        reason: why the robot is stopped; empty if it is not.
-    """
-
-    counts: Mapping[str, int] = field(default_factory=dict)
-    reason: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)  # violations since the robot started, by kind
+    reason: str = ""  # why the robot is stopped; empty if it is not
 
     @property
     def is_stopped(self) -> bool:
@@ -131,19 +126,12 @@ class Wire(Generic[T]):
     """One direction of a connection, which delays or loses messages and preserves their order.
 
     Owns its random stream, the messages in transit and the number of lost ones. The fate of the k-th message depends
-    only on the stream and k.
-
-    Args:
-        stream: source of two random numbers per message.
-        latency: least delay, seconds.
-        jitter: greatest additional delay, uniformly distributed, seconds.
-        loss: probability that a message is lost.
+    only on the stream and k. Latency and jitter are in seconds.
     """
 
     def __init__(self, stream: np.random.Generator, latency: float, jitter: float, loss: float) -> None:
         self.lost = 0
-        self._stream = stream
-        self._latency, self._jitter, self._loss = latency, jitter, loss
+        self._stream, self._latency, self._jitter, self._loss = stream, latency, jitter, loss
         self._under_way: deque[tuple[float, T]] = deque()
         self._last_arrival = -math.inf
 

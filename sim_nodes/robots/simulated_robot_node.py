@@ -36,7 +36,7 @@ class RobotTopics:
     """The topics of a robot: commands in; readings of the joints out, and its description once."""
 
     def __init__(self, node: Node, robot: Robot, topic: str, kind: type, hear: Callable[[Any], None]) -> None:
-        self.robot, self.command_topics = robot, (topic,)
+        self.robot, self.command_topic = robot, topic
         self._states = node.create_publisher(JointState, "joint_states", SENSOR_QOS)
         self._description = node.create_publisher(String, "robot_description", LATCHED_QOS)
         self._description.publish(String(data=robot.description()))
@@ -144,7 +144,7 @@ class SimulatedRobotNode(ReportingNode):
         """Wait until the senders of commands have exited: they need the sensors to bring the robot to rest."""
         now = time.monotonic()
         self._end_at = min(self._end_at, now + LEFT_TIMEOUT_S)
-        is_left = not any(self.count_publishers(topic) for topic in self._topics.command_topics)
+        is_left = not self.count_publishers(self._topics.command_topic)
         return is_left or now >= self._end_at
 
     def _now(self) -> float:
@@ -160,7 +160,7 @@ class SimulatedRobotNode(ReportingNode):
         now = time.monotonic()
         if now < self._report_at and self._published == (protection.violations, protection.reason):
             return
-        before, self._crowded = self._crowded, rivals(self, self._topics.command_topics)
+        before, self._crowded = self._crowded, rivals(self, [self._topics.command_topic])
         if self._crowded and not before:
             self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
         self._publish_report()

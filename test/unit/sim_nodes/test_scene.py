@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from sim_nodes.envs.scene import BLUE, ORANGE, Body, Camera, matrices, quaternions
+from sim_nodes.envs.scene import BLUE, FINER, ORANGE, Body, Camera, matrices, quaternions
 
 DOOR = "rkhs/PR2Door-v0"
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -38,7 +38,7 @@ def test_a_body_covers_the_hull_of_its_projected_points(shape: str, seed: int) -
     camera = Camera(tuple(rng.normal(size=3)), BOX, (240, 180))
     body = Body(shape, (size[0], size[0], size[2]), BLUE)
     points = place + turn.apply(surface(shape, rng) * np.array(body.size) / 2)
-    hull = ConvexHull([camera.pixel(point) for point in points])
+    hull = ConvexHull(camera._seen(points) / FINER)
     picture = camera.picture([body], place[None], np.roll(turn.as_quat(), 1)[None])
     painted = (picture < 254).any(axis=2)
     assert painted.sum() == pytest.approx(hull.volume, rel=0.05, abs=60)  # in two dimensions, the volume is the area
@@ -67,7 +67,7 @@ def test_the_nearer_body_hides_the_other_in_any_order(near: float, seen: str) ->
 
 def test_a_view_contains_its_bounds_and_fills_the_picture() -> None:
     camera = Camera((0.3, -1.0, 0.4), BOX, (300, 200))
-    corners = np.array([camera.pixel(corner) for corner in surface("box", np.random.default_rng(0))])
+    corners = camera._seen(surface("box", np.random.default_rng(0))) / FINER
     assert (corners >= 0).all()
     assert (corners <= [300, 200]).all()
     assert max(np.ptp(corners, axis=0) / [300, 200]) > 0.8
