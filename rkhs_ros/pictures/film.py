@@ -39,15 +39,10 @@ CAPTION_PART = 18  # height of a frame, relative to that of its caption
 
 @dataclass(frozen=True)
 class Film:
-    """The frames of an episode.
+    """The frames of an episode."""
 
-    Attributes:
-        pictures: frames, RGB, shape (frames, height, width, 3).
-        captions: the time or step of each frame.
-    """
-
-    pictures: Pictures
-    captions: list[str]
+    pictures: Pictures  # RGB, shape (frames, height, width, 3)
+    captions: list[str]  # the time or step of each frame
 
 
 def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int = 0, frames: int = USUAL) -> Film:

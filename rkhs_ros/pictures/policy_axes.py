@@ -23,18 +23,12 @@ class PolicyAxes:
     """Axes of a policy: the components of an observation, or its inputs if they depend on a history.
 
     Two components on a circle about 0, such as a cosine and a sine, are one axis: their angle.
-
-    Attributes:
-        policy: the policy.
-        names: names of the components of observations and actions.
-        state: columns of the components, with the pairs on a circle.
-        radii: radius of each circle.
     """
 
     policy: GaussianPolicy
     names: Names
-    state: StateCoordinates
-    radii: tuple[float, ...]
+    state: StateCoordinates  # columns of the components, with the pairs on a circle
+    radii: tuple[float, ...]  # of each circle
 
     @classmethod
     def of(cls, policy: GaussianPolicy, names: Names, episodes: Episodes) -> PolicyAxes:

@@ -32,13 +32,7 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
 
     One or two inputs are drawn completely. With more inputs, the upper plot is a slice through the medians of the
     visited points, along the two inputs that explain most of the action there; the lower plot is the action over time.
-
-    Args:
-        policy: policy to draw.
-        spaces: spaces of the task.
-        names: names of the observations and actions.
-        episodes: episodes as observed, of at least one step.
-        title: name of the task.
+    The episodes are as observed, of at least one step.
     """
     view = PolicyAxes.of(policy, names, episodes)
     count = len(view.labels)
@@ -146,15 +140,7 @@ def draw_attempts(
     """Draw the actions of one-step episodes, and those of the final policy.
 
     A single component is drawn against the reward. Of several components, the first two are drawn against each other,
-    coloured by reward, those with higher rewards on top.
-
-    Args:
-        axes: where to draw.
-        attempts: one-step episodes.
-        learnt: episodes of the final policy.
-        spaces: spaces of the task; actions are clipped to their bounds.
-        names: names of the action components.
-        success: reward that only successes exceed; None if the task does not define it.
+    coloured by reward, those with higher rewards on top. Only successes have a reward above ``success``, if given.
 
     Returns:
         The actions of the final policy in the coordinates of the plot, shape (k, 2).

@@ -88,12 +88,8 @@ def curve_figure(
 ) -> Figure:
     """Return a figure of the returns per iteration, with the reference returns of the task.
 
-    Args:
-        curve: columns of curve.csv, by name.
-        task: task of the run.
-        others: columns of other runs by name. If there are any, their evaluation returns are drawn, too, and all
-            curves are drawn over exploration episodes, since iterations of different runs are not comparable.
-        size: width and height in inches.
+    If there are other runs, their evaluation returns are drawn, too, and all curves are drawn over exploration
+    episodes, since iterations of different runs are not comparable.
     """
     figure = sheet(*size, task.environment)
     axes = figure.subplots()

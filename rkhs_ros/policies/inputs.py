@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from math import comb, prod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,11 +126,11 @@ class Inputs(Settings):
             done = np.minimum(np.maximum(done, self.action_low), self.action_high)
         windows = np.concatenate([observed, done], axis=-1)
         num_envs, length, ages, columns = windows.shape
-        return _contiguous(self._monomials(windows.reshape(num_envs, length, ages * columns)))
+        return self._monomials(windows.reshape(num_envs, length, ages * columns))
 
     def features(self, observations: Array) -> Array:
         """Return the inputs for a window of length 1, shape (..., input_dim)."""
-        return _contiguous(self._monomials(self._angles(observations)))
+        return self._monomials(self._angles(observations))
 
     def _check_angles(self, observation_dim: int) -> None:
         good = max(self.columns, default=0) < observation_dim
@@ -148,13 +149,14 @@ class Inputs(Settings):
 
         .. math:: (x \cdot y + c)^p = \phi(x) \cdot \phi(y)
 
-        In these coordinates a small offset loses no precision, unlike in the kernel's Gram matrix.
+        In these coordinates a small offset loses no precision, unlike in the kernel's Gram matrix. The result is in C
+        order, because another memory order can change the last bits of products.
         """
         if self.degree == 0:
-            return x
+            return np.ascontiguousarray(x)
         choices, scale, constant = self.monomials(x.shape[-1])
         factors = np.concatenate([x, np.full((*x.shape[:-1], 1), constant)], axis=-1)
-        return np.asarray(scale * factors[..., choices].prod(axis=-1))
+        return np.ascontiguousarray(scale * factors[..., choices].prod(axis=-1))
 
     def monomials(self, size: int) -> tuple[NDArray[np.int_], Array, float]:
         """Return the monomials of ``size`` numbers, to which a constant is appended.
@@ -203,11 +205,6 @@ class Window:
             self._past = observations, np.concatenate([before[:, 1:], actions[:, None]], axis=1)
 
 
-def _contiguous(points: Array) -> Array:
-    """Return the inputs in C order, because another memory order can change the last bits of products."""
-    return np.ascontiguousarray(points)
-
-
 def _multinomial(counts: Sequence[int]) -> int:
     """Return the number of permutations of a multiset with the given counts."""
     return prod(comb(sum(counts[: i + 1]), count) for i, count in enumerate(counts))
@@ -216,14 +213,8 @@ def _multinomial(counts: Sequence[int]) -> int:
 UNIT = re.compile(r"\s*\([^()]*\)$")
 
 
-@dataclass(frozen=True)
-class Names:
-    """Names of a task's observation and action components, with units.
-
-    Attributes:
-        observations: name of each component of an observation.
-        actions: name of each component of an action.
-    """
+class Names(NamedTuple):
+    """Names of the components of a task's observations and actions, with units."""
 
     observations: tuple[str, ...]
     actions: tuple[str, ...]

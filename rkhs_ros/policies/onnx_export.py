@@ -27,7 +27,7 @@ OPSET, IR_VERSION = 17, 8  # versions of 2022, which ONNX Runtime 1.20 and later
 STATE = "state"
 Shapes = dict[str, tuple[int, ...]]
 TOLERANCE = 1e-6  # of the actions, relative to the greatest one
-COUNT, EPISODES = 10_000, 100  # minimum number of observations of a check; episodes per batch
+COUNT = 1000  # minimum number of observations of a check
 SPREAD = 2.0  # of the observations, in standard deviations of the centres
 
 
@@ -43,13 +43,9 @@ class Graph:
         self._constants: list[Any] = []
 
     def add(self, operator: str, *values: str | NDArray[Any], name: str = "", **attributes: Any) -> str:
-        """Add a node; return the name of its output.
+        """Add a node of an ONNX operator; return the name of its output, a new one if empty.
 
-        Args:
-            operator: ONNX operator.
-            values: inputs, each the name of a value or a constant.
-            name: name of the output; empty for a new one.
-            attributes: attributes of the operator.
+        Each input is the name of a value or a constant.
         """
         name = name or f"{operator}_{len(self._nodes)}"
         inputs = [value if isinstance(value, str) else self._constant(value) for value in values]
@@ -61,13 +57,7 @@ class Graph:
         return self.add("Slice", value, np.array([start]), np.array([end]), np.array([1]))
 
     def model(self, inputs: Shapes, outputs: Shapes, about: dict[str, str]) -> bytes:
-        """Return the graph as the content of a file, checked by ONNX.
-
-        Args:
-            inputs: shape of each input, without the dimension of the batch.
-            outputs: shape of each output, likewise.
-            about: metadata.
-        """
+        """Return the graph with metadata as the content of a file, checked by ONNX; shapes lack the batch."""
         helper, number = self._onnx.helper, self._onnx.TensorProto.DOUBLE
         declared = (
             [helper.make_tensor_value_info(name, number, ["batch", *shape]) for name, shape in values.items()]
@@ -253,7 +243,7 @@ def exported_actions(content: bytes, observations: Array) -> Array:
 
     Args:
         content: content of the ONNX file.
-        observations: finite float64 numbers, shape (steps, batch, *observation_shape).
+        observations: finite, shape (steps, batch, *observation_shape).
     """
     require_extra("onnxruntime", "export", "export")
     import onnxruntime
@@ -281,22 +271,19 @@ def check_onnx(policy: Policy, content: bytes) -> tuple[int, float]:
     """
     low, high = (bound.astype(np.float64) for bound in (policy.spaces.action_low, policy.spaces.action_high))
     exact = Policy(policy.gaussian, policy.task, replace(policy.spaces, action_low=low, action_high=high))
-    error, greatest, blocks = 0.0, 0.0, random_observations(policy)
+    observations = random_observations(policy)
     with np.errstate(over="ignore", invalid="ignore"):
-        for steps in blocks:
-            exact.reset()
-            expected, got = np.stack([exact(step) for step in steps]), exported_actions(content, steps)
-            finite = np.isfinite(expected)
-            error = max(error, float(np.abs(got - expected)[finite].max(initial=0.0)))
-            greatest = max(greatest, float(np.abs(expected)[finite].max(initial=0.0)))
-    relative = error / greatest if greatest else error
+        expected, got = np.stack([exact(step) for step in observations]), exported_actions(content, observations)
+        error = np.abs(got - expected)[finite := np.isfinite(expected)].max(initial=0.0)
+    greatest = np.abs(expected[finite]).max(initial=0.0)
+    relative = float(error / greatest) if greatest else float(error)
     what = f"the actions of the policy within {TOLERANCE:g}"
     require(relative <= TOLERANCE, "policy.onnx", what, f"a difference of {relative:g}")
-    return int(np.prod(blocks.shape[:3])), relative
+    return observations.shape[0] * observations.shape[1], relative
 
 
 def random_observations(policy: Policy) -> Array:
-    """Return at least ``COUNT`` observations around the centres, shape (blocks, steps, EPISODES, ...).
+    """Return at least ``COUNT`` observations around the centres, shape (steps, episodes, *observation_shape).
 
     Angles are uniformly distributed over a full turn. The other columns are normally distributed: with the mean of the
     centres' column and ``SPREAD`` times its standard deviation, or, if the inputs are monomials or there are no
@@ -305,7 +292,7 @@ def random_observations(policy: Policy) -> Array:
     rng, spaces, inputs = np.random.default_rng(0), policy.spaces, policy.gaussian.inputs
     d, centres = spaces.observation_dim, policy.gaussian.mean.centres
     steps = inputs.history * policy.gaussian.action_repeat + 1
-    shape = (-(-COUNT // (steps * EPISODES)), steps, EPISODES)
+    shape = (steps, -(-COUNT // steps))
     rest = [column for column in range(d) if column not in inputs.columns]
     observations = SPREAD * rng.normal(size=(*shape, d))
     if len(centres) and rest and not inputs.degree:

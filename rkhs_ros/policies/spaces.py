@@ -98,10 +98,6 @@ class Spaces:
         Raises:
             ValueError: the shape is neither that of an observation nor that of a batch.
         """
-        if isinstance(observations, dict | tuple):
-            raise ValueError(
-                "observation: expected an array, got a Dict or Tuple. Use gymnasium.spaces.flatten(space, observation)"
-            )
         array = np.array(observations, dtype=np.float64)  # a copy, because the caller may reuse the array
         one = array.shape == self.observation_shape
         good = one or array.shape[1:] == self.observation_shape

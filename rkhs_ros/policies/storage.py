@@ -63,8 +63,11 @@ def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces |
         "schema": np.array(SCHEMA),
         "task": np.array(json.dumps(asdict(task), sort_keys=True)),
         **policy_arrays(policy),
-        **(_spaces_arrays(spaces) if spaces else {}),
     }
+    if spaces:
+        arrays |= {"observation_shape": np.array(spaces.observation_shape, dtype=np.int64)}
+        arrays |= {"action_low": spaces.action_low, "action_high": spaces.action_high}
+        arrays |= {name: np.array(known) for name in NAMES if (known := getattr(spaces, name))}
     write_whole(path, packed(arrays))
 
 
@@ -92,12 +95,6 @@ def read_policy(path: Path) -> tuple[GaussianPolicy, Task, Spaces | None]:
     except Exception as error:  # a damaged archive raises almost anything
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: expected a complete policy file (npz), got an unreadable one ({reason})") from error
-
-
-def _spaces_arrays(spaces: Spaces) -> Arrays:
-    shape = np.array(spaces.observation_shape, dtype=np.int64)
-    names = {name: np.array(known) for name in NAMES if (known := getattr(spaces, name))}
-    return {"observation_shape": shape, "action_low": spaces.action_low, "action_high": spaces.action_high, **names}
 
 
 def _spaces(arrays: Arrays) -> Spaces | None:

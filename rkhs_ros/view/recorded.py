@@ -23,19 +23,12 @@ RUNNING, FINISHED, ENDED = "running", "finished", "not running"
 
 
 class IterationView(NamedTuple):
-    """The policy and the episodes of an iteration.
+    """The policy and the episodes of an iteration."""
 
-    Attributes:
-        policy: policy after the update.
-        exploration: exploration episodes of the iteration, as observed.
-        evaluation: evaluation episodes of the updated policy, as observed; None if there are none.
-        roll_out_model: rolls the policy out, without exploration noise, in a model of all episodes so far; None for
-            a run without a model.
-    """
-
-    policy: GaussianPolicy
-    exploration: Episodes
-    evaluation: Episodes | None
+    policy: GaussianPolicy  # after the update
+    exploration: Episodes  # as observed
+    evaluation: Episodes | None  # of the updated policy; None if there are none
+    # Rolls the policy out, without exploration noise, in a model of all episodes so far; None without a model.
     roll_out_model: Callable[[], Episodes] | None = None
 
 
@@ -48,11 +41,7 @@ class Recorded:
         path: folder of a run, or an MCAP file.
 
     Attributes:
-        path: folder or file of the run.
-        name: name of the run.
-        task: task of the run.
         nodes: parameters of a robot's nodes by node name; empty for a simulator.
-        spaces: spaces of the task.
         total: planned number of iterations.
 
     Raises:
