@@ -57,18 +57,6 @@ def test_an_interrupted_run_saves_its_policy_and_leaves_no_process(run: Process,
     assert {"config.yaml", "curve.csv", "policy.npz", "curve.png", "policy.png"} <= set(os.listdir(tmp_path / "out"))
 
 
-def test_an_interrupt_ends_a_run_with_a_suspended_learner(start: Start, tmp_path: Path) -> None:
-    run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--out", tmp_path / "run")
-    while not (tmp_path / "run" / "curve.csv").is_file():
-        assert run.popen.poll() is None
-        time.sleep(0.05)
-    for pid in nodes_of(run, "learner"):
-        os.kill(pid, signal.SIGSTOP)
-    run.interrupt()
-    code, _, err = run.finish()
-    assert (code, "Traceback" in err) == (130, False), err
-
-
 def test_a_run_interrupted_before_its_first_iteration_can_be_resumed(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     run = start("rkhs", "train", ROOT / "config" / "toy_nac.yaml", "--quiet", "--iterations", 2, "--out", folder)
@@ -101,28 +89,6 @@ def test_a_run_resumes_after_a_node_has_stalled(start: Start, tmp_path: Path, pr
     errors = [line for line in err.splitlines() if line.startswith("error:")]
     assert errors[0] in (f"error: the policy node did not {how} within 5 s" for how in ("act", "answer"))
     assert len(errors) == err.count("warning: the run resumes after iteration ") == 1
-
-
-def test_a_second_node_of_a_name_exits_and_the_first_continues(
-    start: Start, parameters: Parameters, probe: Probe, tmp_path: Path
-) -> None:
-    file = parameters("toy_nac", "iterations=10000")
-    arguments = {
-        "simulator": ("--params-file", file),
-        "policy": (),
-        "learner": ("--params-file", file, "-p", f"output:={tmp_path / 'out'}"),
-    }
-    for each, given in arguments.items():
-        start(each, "--ros-args", *given)
-    probe.until(lambda: len(probe.heard["episodes"]) >= 2)
-    arguments["learner"] = ("--params-file", file, "-p", f"output:={tmp_path / 'other'}")
-    for name, given in arguments.items():
-        code, _, err = start(name, "--ros-args", *given).finish()
-        assert code == 1
-        (line,) = [line for line in err.splitlines() if line.startswith("error:")]
-        assert line.startswith(f"error: expected one {name} node, got another one that is already running")
-        count = len(probe.heard["episodes"])
-        probe.until(lambda: len(probe.heard["episodes"]) >= count + 5)  # noqa: B023  # awaited in this step
 
 
 @pytest.mark.nightly

@@ -4,7 +4,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from itertools import count, pairwise
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,17 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters
-from std_msgs.msg import Bool, Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import GateReport
-from rkhs_ros.base.settings import build
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.nodes.robot.gate_messages import hardware_message
-from rkhs_ros.robot.gate_settings import GateSettings, rules
-from rkhs_ros.robot.limits import rest_at
-from test.ros.conftest import Process
-from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Output, Robot, begin, written
+from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Robot, begin, written
 
 __all__ = ["begin"]
 PERIOD = 0.01
 Begin = Callable[..., Any]
-Start = Callable[..., Process]
 
 
 def reports(robot: Robot) -> list[DiagnosticArray]:
@@ -50,28 +44,21 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
     robot.until("disarmed")
     robot.probe.until(lambda: robot.commands.get_subscription_count() > 0)
     dry = next(report for report in (robot.command(0.1, number=n) for n in count(1)) if not is_refused(report))
-    first = dry.number  # those before were refused, as nothing was sensed yet
+    numbers = count(dry.number + 1)  # those before were refused, as nothing was sensed yet
     assert dry.flags & GateReport.NOT_ARMED
-    robot.command(number=first + 1)
+    robot.command(number=next(numbers))
     assert not robot.sent
     assert robot.arm() == "holding"
-    clamped = robot.command(3.0, number=first + 2)
-    assert clamped.flags & GateReport.CLAMPED_VALUE
-    assert clamped.asked[0] == 3.0
-    assert robot.command(float("nan"), number=first + 3).flags == GateReport.REFUSED
-    for number in range(first + 4, first + 79):
-        last = robot.command(0.1, number=number)
-        robot.probe.settle(0.01)
-    assert (last.flags, list(last.asked), list(last.executed)) == (0, [0.1], [0.1])
+    clamped = robot.command(3.0, number=next(numbers))
+    assert (clamped.asked[0], clamped.flags & GateReport.CLAMPED_VALUE) == (3.0, GateReport.CLAMPED_VALUE)
+    assert robot.command(float("nan"), number=next(numbers)).flags == GateReport.REFUSED
+    robot.probe.until(lambda: list(robot.command(0.1, number=next(numbers)).executed) == [0.1])
     assert robot.states[-1].state == "moving"
-    robot.command(number=first + 79)
+    robot.command(number=next(numbers))
     state = robot.until("holding")
-    robot.probe.settle(2 * TIMEOUT)
-    values = [each.message.data[0] for each in robot.sent]
-    assert values[-1] == pytest.approx(0.1)
-    assert max(abs(later - earlier) for earlier, later in pairwise(values)) <= 0.02 + 1e-9
-    assert robot.states[-1] == state
-    assert (state.refusals, state.stops, state.commands) == (first, 0, first + 79)
+    assert (state.refusals, state.stops) == (dry.number, 0)
+    sent = {each.number: each.message.data[0] for each in robot.sent}
+    assert all(abs(sent[n + 1] - sent[n]) <= 0.02 + 1e-9 for n in sent if n + 1 in sent)
     heard = reports(robot)
     robot.probe.until(lambda: {"worst loop rate", "missed ticks", "clamps", "stops"} <= set(told(heard)))
     gate.popen.terminate()
@@ -79,7 +66,7 @@ def test_the_gate_dry_runs_until_armed_then_clamps_and_holds(begin: Begin) -> No
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.nightly)])
-def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Start, number: int) -> None:
+def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Any, number: int) -> None:
     robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.4]}})  # it does not arrive before
     assert robot.arm() == "holding"
     first = start("sender", 0.9, 7)
@@ -102,17 +89,10 @@ def test_the_robot_stops_when_the_sender_stops(begin: Begin, start: Start, numbe
     robot.probe.until(lambda: robot.position < -0.2)
 
 
-def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Start) -> None:
+def test_a_stop_by_the_service_and_a_silent_sensor_hold_until_the_gate_is_armed(begin: Begin, start: Any) -> None:
     robot = begin(POSITION)
-    stops = robot.probe.create_publisher(Bool, "stop", LATCHED_QOS)
     robot.arm()
     start("sender", 0.9, 7)
-    robot.until("moving")
-    stops.publish(Bool(data=True))
-    assert "topic '/stop'" in robot.until("stopped").reason
-    assert "cannot arm while a stop is requested on the topic '/stop' by /probe" in robot.arm()
-    stops.publish(Bool(data=False))
-    robot.probe.until(lambda: robot.arm() in ("holding", "moving"))
     robot.until("moving")
     robot.probe.ask("gate/stop", Trigger.Request())
     assert "service 'stop'" in robot.until("stopped").reason
@@ -123,39 +103,19 @@ def test_a_requested_stop_holds_until_the_gate_is_armed(begin: Begin, start: Sta
     assert "no usable joint state" in robot.arm()
 
 
-def test_a_gate_that_is_asked_to_exit_stops_the_robot_first(begin: Begin, start: Start) -> None:
+def test_a_trajectory_ends_in_rest_should_no_further_message_come(begin: Begin, start: Any) -> None:
     slow = POSITION | {"limits": POSITION["limits"] | {"acceleration": [4.0]}}
-    command = {"topic": "commands", "kind": "position", "type": TRAJECTORY}
-    gate, robot = begin(slow | {"command": command}, process="gate")
+    robot = begin(slow | {"command": {"topic": "commands", "kind": "position", "type": TRAJECTORY}})
     assert robot.arm() == "holding"
     start("sender", 0.9, 7)
     robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.points[0].positions[0] > 0.2)
-    points = robot.sent[-1].message.points  # which end in rest, should no further message come
+    points = robot.sent[-1].message.points
     assert 2 < len(points) <= 10
     assert robot.sent[-1].message.joint_names == ["a"]
-    seconds = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
-    speeds = [
-        (later.positions[0] - earlier.positions[0]) / (end - begun)
-        for earlier, later, begun, end in zip(points, points[1:], seconds, seconds[1:], strict=False)
-    ]
-    assert speeds == sorted(speeds, reverse=True)
+    seconds = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points])
+    speeds = np.diff([point.positions[0] for point in points]) / np.diff(seconds)
+    assert (np.diff(speeds) <= 1e-9).all()
     assert 0 <= speeds[-1] < 0.3
-    gate.popen.terminate()
-    robot.probe.until(lambda: gate.popen.poll() is not None)
-    robot.probe.settle(0.1)
-    assert gate.finish()[0] == 0
-    assert "the gate is shutting down" in robot.states[-1].reason
-    assert len(robot.sent[-1].message.points) == 1  # at rest
-    changes = changes_of_speed(robot.sent)
-    assert len(changes) > 20
-    assert max(changes) <= 4.0 + 1e-6
-
-
-def changes_of_speed(sent: list[Output]) -> list[float]:
-    """Return the changes per second of the speed, each from three outputs of which none between them was lost."""
-    values = {each.number: each.message.points[0].positions[0] for each in sent}
-    threes = [[values.get(number + more) for more in range(3)] for number in values]
-    return [abs(last - 2 * middle + first) / PERIOD**2 for first, middle, last in threes if None not in (middle, last)]
 
 
 def test_a_mobile_base_receives_twists(begin: Begin) -> None:
@@ -176,13 +136,7 @@ def test_a_mobile_base_receives_twists(begin: Begin) -> None:
     assert "std_msgs/msg/Float64MultiArray" in kind.additional_constraints
 
 
-def test_outputs_have_the_type_of_the_hardware() -> None:
-    command = POSITION["command"] | {"type": "std_msgs/msg/Float64"}
-    settings = build(GateSettings, POSITION | {"command": command})
-    assert hardware_message(settings, rules(settings).limits, rest_at(np.array([0.3]))).data == 0.3
-
-
-def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Start) -> None:
+def test_another_publisher_stops_a_moving_robot(begin: Begin, start: Any) -> None:
     robot = begin(POSITION | {"limits": POSITION["limits"] | {"velocity": [0.1]}})
     assert robot.arm() == "holding"
     start("sender", 0.9, 7)
@@ -213,7 +167,7 @@ def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(begin: B
     assert gate.finish()[0] != 0
 
 
-def test_an_invalid_parameter_is_refused_in_one_line(start: Start, tmp_path: Path) -> None:
+def test_an_invalid_parameter_is_refused_in_one_line(start: Any, tmp_path: Path) -> None:
     tree = {**POSITION, "command": POSITION["command"] | {"topic": "/rosout"}}
     code, out, err = start("gate", "--ros-args", "--params-file", written(tmp_path, tree)).finish()
     assert (code, out, err.count("\n")) == (2, "", 1)

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -75,19 +74,6 @@ def test_each_request_stops_the_robot_once_even_if_it_is_withdrawn_before_the_ga
         if requests[-1]:
             robot.probe.until(lambda: robot.arm() == BUTTON)  # once the name of the node is known
             say(button, False)
-
-
-def test_a_flood_of_messages_does_not_hide_a_request(begin: Begin, panel: Panel) -> None:
-    gate, robot = begin(CALM, process="gate")
-    button = panel("button", durability=VOLATILE)
-    met(robot, button, len(QOS) - 1)
-    assert robot.arm() == "holding"
-    os.kill(gate.popen.pid, signal.SIGSTOP)
-    say(button, True, *[False] * 300)
-    os.kill(gate.popen.pid, signal.SIGCONT)
-    robot.until("stopped")
-    assert button.wait_for_all_acked(Duration(seconds=30))
-    robot.probe.until(lambda: armed_at_last(robot))
 
 
 def test_only_the_publisher_of_a_topic_clears_its_stop(begin: Begin, panel: Panel) -> None:

@@ -75,22 +75,3 @@ def test_a_stuck_learner_reports_it_and_the_reason_of_its_exit(start: Start, pro
     assert {level for level, _ in hearing.states["/policy"]} == {DiagnosticStatus.OK}
     run.interrupt()
     assert f"error: {reason}\n" in run.finish()[2]
-
-
-@pytest.mark.nightly
-def test_status_prints_the_nodes_and_an_error_without_nodes(
-    run: Process, probe: Probe, start: Start, domain: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    probe.until(lambda: len(probe.heard["episodes"]) > 1)
-    monkeypatch.setenv("COLUMNS", "250")
-    code, out, err = start("rkhs", "status").finish()
-    assert (code, err) == (0, "")
-    rows = [line for line in out.splitlines() if line.startswith("/") and "last refused" not in line]
-    assert [row.split()[0] for row in rows] == ["/learner", "/policy", "/simulator"]
-    assert all("ok" in row for row in rows)
-    run.interrupt()
-    assert "incompatible" not in run.finish()[2]
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain + 101))
-    code, out, err = start("rkhs", "status").finish()
-    assert (code, out) == (1, "")
-    assert err == "error: expected running nodes, got none within 3 s; pass the run's folder, or set ROS_DOMAIN_ID\n"

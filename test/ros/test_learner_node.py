@@ -78,3 +78,16 @@ def test_a_manually_started_learner_draws_figures_and_prints_next_steps(
     said, remedy = learner.told[-1], f"rkhs train --resume {folder}"
     assert (f"resume with: {remedy}" if interrupted else f"continue: {remedy}") in said
     assert ("interrupted after" in said) == interrupted
+
+
+def test_a_simulator_of_another_task_is_refused_by_name(
+    start: Callable[..., Process], parameters: Callable[..., Path], tmp_path: Path
+) -> None:
+    file = parameters("pendulum_nac")
+    start("simulator", "--ros-args", "--params-file", file, "-p", "environment.options.angle:=wrap")
+    learner = start("learner", "--ros-args", "--params-file", file, "-p", f"output:={tmp_path / 'out'}")
+    code, _, err = learner.finish()
+    expected = 'expected the environment rkhs/Pendulum-v0 with options {"angle": "clip"}'
+    got = 'got rkhs/Pendulum-v0 with options {"angle": "wrap"}'
+    assert (code, err) == (1, f"error: the simulator node: {expected}, {got}\n")
+    assert not (tmp_path / "out").exists()

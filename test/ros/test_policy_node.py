@@ -139,20 +139,6 @@ def test_observations_of_another_batch_get_no_answer_and_one_out_of_order_ends_t
     assert answer(probe, observation(1, batch=5))[0] == 1
 
 
-def test_a_policy_or_an_observation_of_another_size_fails_and_the_batch_continues(node: None, probe: Probe) -> None:
-    misfit = replace(policy(1), inputs=Inputs(angles=(9.0,), history=2))
-    assert probe.ask("set_policy", set_policy_request(misfit, 2)).success  # it was not yet seen what is observed
-    assert failure(probe, observation(0, version=2)).startswith("the policy cannot act: ")
-    assert probe.ask("set_policy", set_policy_request(policy(0), 1)).success
-    answer(probe, observation(0))
-    beyond = observation(4)
-    beyond.horizon = 9
-    wrong = [observation(1, seen=SEEN[:, :1]), observation(1, seen=np.full((2, 2), np.nan)), beyond]
-    for message in wrong:
-        assert failure(probe, message).startswith("the policy cannot act: ")
-    np.testing.assert_array_equal(answer(probe, observation(1))[1], expected(policy(0), 1))
-
-
 def test_after_a_refused_policy_the_old_one_stays_in_service(node: None, probe: Probe) -> None:
     request = set_policy_request(policy(1), 2)
     request.policy.kernel[0].name = "rbg"

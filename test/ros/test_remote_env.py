@@ -1,6 +1,5 @@
 """A simulator node as a Gymnasium environment: bit-identical steps, episode ends, and cleanup."""
 
-import os
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +9,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import rclpy
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 
@@ -185,30 +183,6 @@ def test_an_interrupt_while_a_message_is_converted_reaches_the_caller(
     finally:
         signal.signal(signal.SIGINT, handler)
     remote.reset()
-
-
-def threads() -> int:
-    return len(os.listdir("/proc/self/task"))
-
-
-def test_a_closed_environment_leaves_nothing_behind(simulator: Simulate, make: Make, domain: int) -> None:
-    simulator("rkhs/Toy-v0")
-    rclpy.init(domain_id=domain)  # as who uses ROS beside it
-    make(RemoteEnv).close()  # the first one loads libraries
-    before, environment = threads(), dict(os.environ)
-    for _ in range(3):
-        remote = RemoteEnv()
-        remote.reset()
-        assert threads() > before
-        remote.close()
-        remote.close()
-    deadline = time.monotonic() + 10
-    while threads() > before and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert threads() <= before
-    assert dict(os.environ) == environment
-    assert rclpy.ok()
-    rclpy.shutdown()
 
 
 @pytest.mark.clock

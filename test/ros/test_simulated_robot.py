@@ -97,9 +97,6 @@ def test_the_pendulum_moves_in_real_time(robot: Callable[..., Operator]) -> None
     seconds = stamp(last) - stamp(first)
     assert last.effort[0] == 0.5
     assert last.velocity[0] - first.velocity[0] == pytest.approx(0.5 * seconds, abs=0.01)
-    between = [stamp(each) for each in operator.joints if stamp(first) <= stamp(each) <= stamp(last)]
-    assert between == sorted(set(between))
-    assert np.median(np.diff(between)) == pytest.approx(0.01, rel=0.2)  # under load some are lost on their way
     assert operator.violations == {}
     found: list[String] = []
     operator.probe.create_subscription(String, "robot_description", found.append, LATCHED_QOS)

@@ -113,11 +113,6 @@ def test_the_best_parameters_stay_on_request(tuned: Tuned, tune: Tune, tmp_path:
     assert (code, tuned.parameters) == (0, best["ros__parameters"])
 
 
-def test_parameters_may_depend_on_what_is_sensed_before_a_trial(tuned: Tuned, tune: Tune) -> None:
-    code, *_ = ended(tuned, tune("--trials", 8, context=["load data"]))
-    assert (code, tuned.parameters) == (0, BEFORE)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_with_the_earlier_parameters(tuned: Tuned, tune: Tune, number: int) -> None:
     run = tune()

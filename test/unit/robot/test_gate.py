@@ -41,22 +41,6 @@ def test_a_command_moves_an_armed_gate_until_a_hold_command(kind: str) -> None:
 
 
 @over_kinds
-def test_a_disarmed_gate_reports_what_it_would_send(kind: str) -> None:
-    world = World(rules_of(kind))
-    world.tick()
-    report = world.command([99.0, 0.0])
-    assert report.flags & Flags.NOT_ARMED
-    assert report.flags & Flags.CLAMPED_VALUE
-    assert 0 < report.executed[0] <= 3.0
-    world.wait(0.5)
-    assert world.outputs == []
-    assert (world.state.mode, world.state.counts.stops) == (Mode.DISARMED, 0)
-    assert world.arm() == ""
-    world.wait(0.1)
-    assert not world.moves()
-
-
-@over_kinds
 @pytest.mark.parametrize("sender", ["dies", "hangs_and_repeats", "sends_nan"])
 def test_silence_stops_the_robot_within_the_timeout_plus_one_period(kind: str, sender: str) -> None:
     world = armed_world(kind)
@@ -178,15 +162,6 @@ def test_a_refused_command_is_counted_and_changes_nothing(kind: str, message: st
     assert (world.state.counts.refusals, world.state.counts.commands) == (1, 2)
 
 
-def test_a_sender_may_follow_an_older_one_that_holds() -> None:
-    world = armed_world(VELOCITY)
-    world.command([0.1, 0.1], instance=1)
-    world.command(None, instance=1)
-    assert not world.command([0.1, 0.1], instance=2).reason
-    world.command(None, instance=2)
-    assert "expected instance 2 or a newer one" in world.command([0.1, 0.1], instance=1).reason
-
-
 @over_kinds
 @pytest.mark.parametrize("moves", [True, False])
 def test_arming_resets_the_expected_instance_and_number(kind: str, moves: bool) -> None:
@@ -268,20 +243,6 @@ def test_efforts_end_at_0_even_if_rest_cannot_be_detected(fault: str) -> None:
     world.senses = fault != "senses nothing"
     assert world.leave(timeout=0.3) >= 0.3 - 1e-9
     assert not world.outputs[-1].any()
-
-
-def test_efforts_that_bear_a_load_go_to_0_within_their_limits() -> None:
-    world = armed_world(EFFORT, velocity=20.0)
-    world.load = 1.0
-    world.wait(4.0)
-    assert world.outputs[-1].min() > 0.9
-    begun = len(world.outputs)
-    world.leave()
-    assert len(world.outputs) > begun + 3
-    assert not world.outputs[-1].any()
-    assert not world.protection.trips
-    world.protection.take(world.outputs[-1])
-    assert not world.protection.trips
 
 
 def test_a_robot_is_at_rest_if_no_reading_during_the_rest_time_shows_motion() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rkhs_ros.robot.gate_state import Mode
-from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION
+from rkhs_ros.robot.limits import EFFORT, KINDS
 from test.unit.robot.gate_streams import PERIOD, World, rules_of
 
 LIMIT = 3.0  # rad/s
@@ -77,14 +77,3 @@ def test_one_jump_whole_turns_gaps_and_noise_are_no_contradictions(kind: str) ->
     world.sense(position=home + 0.5)
     assert world.state.mode == Mode.STOPPED
     assert world.state.releases == (kind == EFFORT)
-
-
-def test_positions_that_alternate_prevent_arming() -> None:
-    world = World(rules_of(POSITION))
-    for position in (0.0, 0.7, 0.0):
-        world.now += PERIOD
-        world.sense(position=np.full(2, position))
-    assert "cannot arm: joint states contradict each other: the position of joint 0 went from 0.7 to 0" in world.arm()
-    world.now += 1.1
-    world.sense()
-    assert world.arm() == ""

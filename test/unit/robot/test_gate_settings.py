@@ -163,10 +163,3 @@ def test_a_urdf_limits_sensed_states_that_commands_do_not_bound(urdf: str) -> No
 def test_a_urdf_without_limits_of_a_joint_is_refused(urdf: str, joint: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         rules_from(POSITION, joints=["turn", joint], limits={"urdf": urdf})
-
-
-def test_a_file_that_is_not_a_urdf_is_refused_in_one_line(tmp_path: Path) -> None:
-    file = tmp_path / "bad.urdf"
-    file.write_text("<robot")
-    with pytest.raises(ValueError, match=r"bad.urdf: expected a URDF[^\n]*$"):
-        rules_from(POSITION, limits={"urdf": str(file)})

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rkhs_ros.robot.gate_state import Mode, Rules
-from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, VELOCITY, advance, rest_at
+from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, advance, rest_at
 from test.unit.robot.gate_streams import NASTY, PERIOD, World, play, rules_of
 
 pytestmark = pytest.mark.slow
@@ -68,21 +68,6 @@ def test_streams_move_the_robot_and_would_stop_it_without_the_gate(kind: str) ->
     assert sum(np.ptp(world.outputs, axis=0).min() > 0.1 for world in worlds if world.outputs) > 5
     modes = {world.state.mode for world in worlds}
     assert {Mode.HOLDING, Mode.MOVING, Mode.STOPPED} <= modes
-
-
-@pytest.mark.parametrize(
-    ("kind", "limit", "jump"),
-    [
-        (POSITION, "velocity", 0.5),
-        (POSITION, "acceleration", 0.012),
-        (VELOCITY, "acceleration", 1.0),
-        (EFFORT, "velocity", 2.0),
-    ],
-)
-def test_the_protection_detects_each_exceeded_limit(kind: str, limit: str, jump: float) -> None:
-    world = World(rules_of(kind))
-    world.protection.take(np.full(2, jump))
-    assert limit in {name for name, _ in world.protection.trips}
 
 
 @over_kinds

@@ -8,7 +8,6 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.yaml_text import dumped, loaded
-from rkhs_ros.nodes.core.transport import node_names
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
 
@@ -59,17 +58,6 @@ def test_a_robot_needs_its_gate(section: str, message: str, tmp_path: Path) -> N
     with pytest.raises(ValueError, match="expected") as refusal:
         load_config(tmp_path / "robot.yaml")
     assert message in str(refusal.value)
-
-
-def test_all_nodes_of_a_robot_receive_their_parameters(tmp_path: Path) -> None:
-    config = load_config(PENDULUM)
-    assert node_names(config.environment.nodes) == ["simulated_robot", "gate", "robot", "policy", "learner"]
-    document = loaded(write_parameters(config, tmp_path / "parameters.yaml").read_text())
-    robot = document["/**/robot"]["ros__parameters"]
-    assert robot["simulated"] is True
-    learner = document["/**/learner"]["ros__parameters"]
-    assert learner["environment"]["nodes"] == {**config.environment.nodes}
-    assert learner["environment"]["id"] == "motor_pendulum"
 
 
 @pytest.mark.parametrize("missing", ["simulated robot", "arms_itself"])
