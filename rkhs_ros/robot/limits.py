@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 
 POSITION, VELOCITY, EFFORT = "position", "velocity", "effort"
@@ -46,18 +46,17 @@ class Limits:
     step: Array
 
     def __post_init__(self) -> None:
-        pick(self.kind, dict.fromkeys(KINDS), "command.kind")
-        for name in LIMITS:
-            object.__setattr__(self, name, _array(getattr(self, name), np.size(self.minimum), f"limits.{name}"))
         for name in ("velocity", "acceleration", "step"):
-            _require_magnitudes(getattr(self, name), f"limits.{name}")
+            values = getattr(self, name)
+            good = (values == 0) | ((values >= LEAST) & (values <= MOST)) | (values == np.inf)
+            require(bool(good.all()), f"limits.{name}", f"0, or from {LEAST:g} to {MOST:g}", values)
         needed = {POSITION: ("velocity", "acceleration"), VELOCITY: ("acceleration",), EFFORT: ()}[self.kind]
         for name in ("minimum", "maximum", *needed):
             finite = bool(np.isfinite(getattr(self, name)).all())
             require(finite, f"limits.{name}", f"a limit for each joint (required for {self.kind} commands)", "none")
-        _require_order(self.minimum, self.maximum, "limits")
-        rests = self.kind == POSITION or bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
         got = f"{self.minimum} and {self.maximum}"
+        require(bool((self.minimum <= self.maximum).all()), "limits", "minimum <= maximum", got)
+        rests = self.kind == POSITION or bool((self.minimum <= 0).all() and (self.maximum >= 0).all())
         require(rests, "limits", "minimum <= 0 <= maximum, so that rest is allowed", got)
         none = self.kind != EFFORT or bool(np.isinf(self.acceleration).all())
         require(none, "limits.acceleration", "no value for effort commands", self.acceleration)
@@ -109,11 +108,8 @@ class SensedLimits:
     effort: Array
 
     def __post_init__(self) -> None:
-        for name in SENSED_LIMITS:
-            object.__setattr__(self, name, _array(getattr(self, name), np.size(self.minimum), f"sensed.{name}"))
-        for name in ("velocity", "effort"):
-            _require_magnitudes(getattr(self, name), f"sensed.{name}")
-        _require_order(self.minimum, self.maximum, "sensed")
+        good = bool((self.minimum <= self.maximum).all())
+        require(good, "sensed", "minimum <= maximum", f"{self.minimum} and {self.maximum}")
 
     @cached_property
     def _ranges(self) -> dict[str, tuple[Array, Array]]:
@@ -132,28 +128,6 @@ class SensedLimits:
             for joint in np.flatnonzero((values < low) | (values > high)):
                 limits = f"from {low[joint]:g} to {high[joint]:g}"
                 yield f"{name} of joint {joint}: expected {limits} {UNITS[name]}, got {values[joint]:g}"
-
-
-def _array(values: Array, joints: int, what: str) -> Array:
-    array = np.array(values, dtype=np.float64)
-    require(array.ndim == 1 and array.size == joints >= 1, what, f"{max(joints, 1)} numbers, one per joint", array.size)
-    require(not np.isnan(array).any(), what, "numbers", "nan")
-    array.setflags(write=False)
-    return array
-
-
-def _require_magnitudes(values: Array, what: str) -> None:
-    good = (values == 0) | ((values >= LEAST) & (values <= MOST)) | (values == np.inf)
-    require(bool(good.all()), what, f"0, or from {LEAST:g} to {MOST:g}", values)
-
-
-def _require_order(minimum: Array, maximum: Array, what: str) -> None:
-    """Raise ValueError if a minimum is above its maximum, or either is too large; infinity means no limit."""
-    require(bool((minimum <= maximum).all()), what, "minimum <= maximum", f"{minimum} and {maximum}")
-    finite = np.concatenate([minimum, maximum])
-    good = bool((np.abs(finite[np.isfinite(finite)]) <= MOST).all())
-    good &= bool((minimum < np.inf).all() and (maximum > -np.inf).all())
-    require(good, what, f"minimum and maximum within {MOST:g}", f"{minimum} and {maximum}")
 
 
 @dataclass(frozen=True, eq=False)

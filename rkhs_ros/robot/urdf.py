@@ -11,6 +11,7 @@ import numpy as np
 from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.robot.limits import MOST
 
 ROTATES_FREELY = "continuous"  # type of joints without a range
 PACKAGE = "package://"  # prefix of a file in a package
@@ -69,5 +70,5 @@ def _number(limit: ElementTree.Element, name: str, what: str) -> float:
         number = float(text)
     except ValueError as error:
         raise ValueError(f"{what}: expected a number for {name}, got {text}") from error
-    require(bool(np.isfinite(number)), f"{what}: {name}", "a finite number", number)
+    require(abs(number) <= MOST, f"{what}: {name}", f"a number within {MOST:g}", number)
     return number

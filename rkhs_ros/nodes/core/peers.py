@@ -151,10 +151,6 @@ class ClientNode(ReportingNode):
         self.diagnostics = Diagnostics(self, report)
         self.peers = Peers(self, timeout)
 
-    def heartbeat(self) -> float:
-        """Publish the status if due; return the seconds until the next time."""
-        return self.diagnostics.heartbeat()
-
     def close(self) -> None:
         """Destroy the node and its context."""
         if self.context.ok():

@@ -89,7 +89,7 @@ class ReportingNode(Node):
 
     def heartbeat(self) -> float:
         """Do the periodic work that is due, such as the status report; return the seconds until more may be due."""
-        raise NotImplementedError
+        return self.diagnostics.heartbeat()
 
     def may_end(self) -> bool:
         """Prepare for the exit of the process; return whether the node is ready to exit."""

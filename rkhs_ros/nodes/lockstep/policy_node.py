@@ -35,10 +35,6 @@ class PolicyNode(ReportingNode):
         source = "with the policy of a file, without exploration noise" if self._served else "for a learner's policy"
         self.get_logger().info(f"ready {source}")
 
-    def heartbeat(self) -> float:
-        """Publish the status if due; return the seconds until the next one."""
-        return self.diagnostics.heartbeat()
-
     def _observe(self, message: ObservationMessage) -> None:
         place = {"batch": message.batch, "policy_version": message.policy_version, "step": message.step}
         try:

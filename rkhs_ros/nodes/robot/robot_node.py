@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool, Trigger
 from rkhs_interfaces import msg
 from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.base.endings import RunError, SilentError, Stop
+from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes as EpisodeValues
 from rkhs_ros.learning.episodes import Execution
@@ -59,6 +59,7 @@ class RobotNode(ReportingNode):
         self._misses = self._discarded = 0
         self.diagnostics = Diagnostics(self, self._report)
         self._motion = EpisodeDriver(self, self._task, simulated=simulated, ended=self._ended)
+        self.resources.callback(self._motion.close)
         self._open_topics()
         self.get_logger().info(f"ready for episodes of {self._task.task}")
 
@@ -94,10 +95,6 @@ class RobotNode(ReportingNode):
             self._failure = self.diagnostics.stuck = f"{self._task.task}: {error}"
             self._motion.discard(str(error))
             return now
-
-    def close(self) -> None:
-        """Command the robot to hold before the node exits."""
-        self._motion.close()
 
     # Requests of the learner.
 
@@ -218,17 +215,9 @@ class RobotNode(ReportingNode):
         }
 
 
-def serve_robot(node: RobotNode, stop: Stop) -> None:
-    """Handle the node's messages until `stop` is set; then command the robot to hold."""
-    try:
-        serve(node, stop)
-    finally:
-        node.close()
-
-
 def main() -> None:
     """Run the robot node."""
-    run(RobotNode, "robot", serve_robot)
+    run(RobotNode, "robot", serve)
 
 
 if __name__ == "__main__":
