@@ -1,6 +1,5 @@
 """The page of a run: over topics during the run, from its folder afterwards, and from its recording alone."""
 
-import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,15 +9,12 @@ import pytest
 from browser import Browser, Tab, each
 
 from rkhs_ros.runs.config import load_config
-from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.run import run_training
 from test.view.conftest import PATIENCE_S, Viewing, near, panel, policy, scene, shown
 
 CONFIGS = Path(__file__).parents[2] / "config"
 EVALUATION, RED, BLUE = (0, 114, 178), (180, 4, 38), (59, 76, 192)
-FLOOR = 100  # brightness below that of the floor's lines, which may leave the window
 ORANGE = ((180, 60, 0), (255, 190, 110))  # range of the colours of the torque's arc, in light and shade
-PANEL_BOX = "document.querySelector('.mantine-Paper-root').getBoundingClientRect()"
 Serve = Callable[..., Viewing]
 
 
@@ -30,12 +26,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = load_config(CONFIGS / "pendulum_few_nac.yaml", ["iterations=3"])
     path = tmp_path_factory.mktemp("page") / "run"
     return run_training(config, runner_of(config.environment), path, quiet=True)
-
-
-def has_free_edges(picture: np.ndarray) -> bool:
-    """Return whether only what is grey, as the floor is, leaves a part of the page at its left, right or bottom."""
-    edges = [edge.reshape(-1, 3).astype(int) for edge in (picture[:, :6], picture[:, -6:], picture[-6:])]
-    return all(bool((edge > FLOOR).all() and (np.ptp(edge, axis=1) < 30).all()) for edge in edges)
 
 
 def shows_policy(picture: np.ndarray) -> bool:
@@ -55,10 +45,6 @@ def shows_all(picture: np.ndarray) -> bool:
     return shows_policy(picture) and shows_pendulum(picture) and shows_curve(picture)
 
 
-def press(tab: Tab, label: str) -> None:
-    tab.click_on(f"[...document.querySelectorAll('button')].find(b => b.innerText.trim() === {label!r})")
-
-
 def stop_playing(tab: Tab) -> None:
     play = f"{each('input[type=checkbox]')}[0]"
     tab.click_on(play)
@@ -68,10 +54,6 @@ def stop_playing(tab: Tab) -> None:
 def slide(tab: Tab, number: int, key: str) -> None:
     """Move a slider to one of its ends: Home or End."""
     tab.press(f"{each('[role=slider]')}[{number}]", key)
-
-
-def lines(folder: Path) -> int:
-    return len(Curve(folder / "curve.csv").rows())
 
 
 @pytest.mark.ros
@@ -108,24 +90,6 @@ def test_the_time_slider_moves_the_robot_of_a_finished_run(chromium: Browser, se
     view.interrupt()
     tab.wait_for_text("The viewer has ended")
     assert view.finish()[0] == 130
-
-
-def test_the_scene_fits_into_the_first_window(chromium: Browser, serve: Serve, folder: Path) -> None:
-    tab = chromium.open(serve("view", folder).address, 1280, 800)
-    shown(tab, lambda picture: near(picture[:, :880], RED, 60) + near(picture[:, :880], BLUE, 60) > 8_000)
-    stop_playing(tab)
-    assert has_free_edges(settled(tab)[150:, :878])  # beside the panel, below the browser's notification
-
-
-def test_a_recording_alone_shows_each_iteration(chromium: Browser, serve: Serve, folder: Path, tmp_path: Path) -> None:
-    alone = tmp_path / "alone.mcap"
-    shutil.copy(folder / "recording.mcap", alone)
-    view = serve("view", alone)
-    tab = chromium.open(view.address)
-    tab.wait_for_text("Finished: iteration 3 of 3", PATIENCE_S)
-    newest = shown(tab, shows_all)
-    slide(tab, 0, "Home")
-    shown(tab, lambda picture: (policy(picture) != policy(newest)).any(axis=2).sum() > 1000)
 
 
 def settled(tab: Tab) -> np.ndarray:

@@ -60,19 +60,6 @@ def test_streams_have_stable_names() -> None:
         assert batch.environment_seeds() == seeds
 
 
-@pytest.mark.parametrize(
-    ("name", "least", "most"),
-    [("seed", 0, 2**64 - 1), ("first_episode", 0, 2**63 - 1), ("num_envs", 1, 10_000), ("horizon", 1, 1_000_000)],
-)
-def test_each_number_of_a_batch_has_limits(name: str, least: int, most: int) -> None:
-    batch = {"seed": 0, "first_episode": 0, "num_envs": 1, "horizon": 1, "explore": True}
-    for value in (least, most):
-        assert getattr(Batch(**{**batch, name: value}), name) == value
-    for value in (least - 1, most + 1):
-        with pytest.raises(ValueError, match=rf"^{name}: expected .*, got {value}$"):
-            Batch(**{**batch, name: value})
-
-
 @pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
 @pytest.mark.parametrize("num_envs", [0, 4])
 def test_a_mixed_batch_is_bit_identical_to_separate_batches(

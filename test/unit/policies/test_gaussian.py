@@ -3,8 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import RBF, Polynomial
 from test.unit.conftest import kl_between
 
@@ -46,10 +45,3 @@ def test_an_action_does_not_depend_on_other_environments(
     x, exploration = rng.normal(size=(31, 3)), rng.standard_normal((31, 2))
     rows = [policy.act(x[i : i + 1], exploration[i : i + 1]) for i in range(31)]
     assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))
-
-
-def test_a_batch_that_needs_too_much_memory_is_rejected(random_policy: Make) -> None:
-    most = Batch(0, 0, 10_000, 1000, explore=True)  # as many samples as a batch may have
-    Acting(random_policy(n=10), most, explore=True)
-    with pytest.raises(ValueError, match="batch: expected at most 100000000 numbers, got 110000000"):
-        Acting(random_policy(n=11), most, explore=True)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.model.dynamics_model import Transitions
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
+from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.messages import policy_of as policy_in
@@ -114,31 +114,6 @@ def test_windows_contain_the_clipped_actions_everywhere(random_policy: MakePolic
     assert (start.action_low, start.action_high) == ((inputs.action_low), (inputs.action_high))
 
 
-@pytest.mark.parametrize(
-    ("low", "high"), [((1.0,), (0.0,)), ((0.0,), ()), ((np.nan,), (1.0,)), ((0.0,) * 2, (1.0,) * 2)]
-)
-def test_bounds_that_do_not_match_are_rejected(
-    low: tuple[float, ...], high: tuple[float, ...], random_policy: MakePolicy
-) -> None:
-    with pytest.raises(ValueError, match=r"inputs\.action_low: expected"):
-        replace(random_policy(d=9, n=1), inputs=Inputs(history=3, action_low=low, action_high=high))
-
-
-def test_changing_returned_actions_does_not_change_the_history(
-    random_policy: MakePolicy, rng: np.random.Generator
-) -> None:
-    policy = replace(random_policy(d=6, n=1), inputs=Inputs(history=2))
-    observed = rng.normal(size=(2, 3, 2))
-    answers = []
-    for spoil in (False, True):
-        acting = Acting(policy, Batch(0, 0, 3, 2, explore=True), explore=True)
-        actions = acting(0, observed[0])
-        if spoil:
-            actions[:] = 7.0
-        answers.append(acting(1, observed[1]))
-    assert np.array_equal(*answers)
-
-
 @given(
     d=st.integers(1, 4),
     degree=st.integers(1, 6),
@@ -168,17 +143,3 @@ def test_angles_in_other_units_give_the_inputs_of_radians(turn: float, history: 
     scaled = observations * [1.0, 1.0, turn / (2.0 * np.pi)]
     expected = radians.unfold(observations, actions)
     np.testing.assert_allclose(other.unfold(scaled, actions), expected, atol=1e-12, rtol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("angles", "turns", "message"),
-    [
-        ("none", (360.0,), r"inputs\.turns: expected 0 numbers, one per angle, or none, got \(360\.0,\)"),
-        ((0.0,), (0.0,), r"turns: expected a number in [^\n]+, got"),
-    ],
-)
-def test_invalid_turns_are_rejected_in_one_line(
-    angles: str | tuple[float, ...], turns: tuple[float, ...], message: str
-) -> None:
-    with pytest.raises(ValueError, match=f"^{message}[^\n]*$"):
-        Inputs(angles=angles, turns=turns)

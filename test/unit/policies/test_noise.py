@@ -34,23 +34,6 @@ def test_each_step_has_variance_one_and_depends_on_no_later_draw() -> None:
     np.testing.assert_allclose(np.tril(made_of, -1), 0.0, atol=1e-14)
 
 
-def test_the_power_of_pink_noise_falls_as_one_over_frequency(random_policy: Make) -> None:
-    steps = 2**16
-    slopes = {}
-    for noise in ("white", "pink"):
-        series = replace(random_policy(), noise=noise).exploration(Batch(1, 0, 4, steps, explore=True))[:, TAPS:]
-        power = (np.abs(np.fft.rfft(series, axis=1)) ** 2).mean(axis=(0, 2))
-        frequency = np.fft.rfftfreq(steps - TAPS)
-        # Bins of equal logarithmic width, from the filter's length to frequencies where a step is no longer short.
-        edges = np.geomspace(2 / TAPS, 0.1, 15)
-        bins = np.digitize(frequency, edges)
-        means = [power[bins == i].mean() for i in range(1, 15)]
-        slopes[noise] = np.polyfit(np.log(np.sqrt(edges[1:] * edges[:-1])), np.log(means), 1)[0]
-    # The first bin holds 42 frequencies of 8 series: standard errors of 6 % for its mean, below 0.01 for the slope.
-    assert slopes["pink"] == pytest.approx(-1.0, abs=0.05)
-    assert slopes["white"] == pytest.approx(0.0, abs=0.05)
-
-
 @pytest.mark.parametrize("noise", ["white", "pink"])
 def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(random_policy: Make, noise: str) -> None:
     policy = replace(random_policy(n=3), noise=noise)

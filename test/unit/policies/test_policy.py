@@ -79,14 +79,6 @@ def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, rando
         load(tmp_path / "window.npz")
 
 
-def test_the_policy_copies_observations(rng: np.random.Generator) -> None:
-    one, other = (Policy(over(3, np.random.default_rng(1)), TASK, Spaces((3,), -BOUNDS, BOUNDS)) for _ in range(2))
-    used_again = np.zeros(3)
-    for observation in rng.normal(size=(6, 3)):
-        used_again[:] = observation
-        assert np.array_equal(one(used_again), other(observation.copy()))
-
-
 SPACES = Spaces((1,), np.array([-1.0, 0.0, 2.0, -np.inf]), np.array([3.0, np.inf, 2.0, np.inf]))
 
 

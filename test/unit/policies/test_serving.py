@@ -121,14 +121,6 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 SERVED = ServedPolicy(policy(0), version=1)
 
 
-def test_an_idle_session_reports_what_it_expects() -> None:
-    session = Session()
-    expected = "expected batch 0 or step 0 of a new one, policy version 0, got batch 3, step 0, policy version 1"
-    with pytest.raises(OtherBatchError, match=expected):
-        session.answer(Place(3, 1, 0), BATCH, shown(BATCH, 3, 0), None)
-    assert session.last == Place()
-
-
 @pytest.mark.parametrize("explores", [True, False])
 def test_a_policy_without_exploration_uses_its_mean(explores: bool) -> None:
     first = shown(BATCH, 1, 0)

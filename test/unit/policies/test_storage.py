@@ -1,5 +1,4 @@
 import json
-import resource
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,7 +15,6 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
 
 Make = Callable[..., GaussianPolicy]
-WRONG_TASKS: list[dict[str, object]] = [{"discount": float("nan")}, {"horizon": -1}, {"options": []}]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
 KERNELS: list[Kernel] = [
     RBF((0.1, 1 / 3)),
@@ -26,11 +24,6 @@ KERNELS: list[Kernel] = [
 ]
 
 
-@pytest.mark.parametrize(
-    "inputs",
-    [Inputs(), Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1, turns=(360.0, 0.1 + 0.2))],
-    ids=["plain", "inputs"],
-)
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
 @pytest.mark.parametrize(("variance", "noise"), [("constant", "pink"), ("kernel", "white"), ("function", "white")])
 def test_a_saved_policy_is_bit_identical_after_loading(
@@ -41,8 +34,8 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     kernel: Kernel,
     variance: str,
     noise: str,
-    inputs: Inputs,
 ) -> None:
+    inputs = Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1, turns=(360.0, 0.1 + 0.2))
     weighing = kernel if kernel.is_positive else None
     policy = replace(random_policy(kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise)
     policy = policy.with_mean(replace(policy.mean, kernel=kernel))
@@ -60,16 +53,6 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
     x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
-
-
-def test_a_truncated_file_is_rejected_by_name(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(learnt=True), TASK)
-    whole = path.read_bytes()
-    for length in [*range(0, len(whole), 211), len(whole) - 1]:
-        path.write_bytes(whole[:length])
-        with pytest.raises(ValueError, match=r"policy\.npz: expected a (complete )?policy file"):
-            load_policy(path)
 
 
 def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(
@@ -105,17 +88,13 @@ def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_poli
     [
         {"schema": None},
         {"weights": np.zeros((3, 2))},
-        {"centres": np.zeros(5)},
         {"kernel": np.array(["rbg"])},
         {"variance": np.array([1.0, -1.0])},
-        {"inputs": None},
-        {"noise": np.array("brown")},
         {"task": np.array(json.dumps({"environment": "rkhs/Toy-v0"}))},
+        {"task": np.array(json.dumps(asdict(TASK) | {"horizon": -1}))},
         {"centres": np.array([{}], dtype=object)},
         {"kernel_sizes": np.array([2])},
-        {"kernel_parameters": np.array([1.0 + 0j])},
         {"observation_shape": np.array([-1]), "action_low": np.zeros(2), "action_high": np.ones(2)},
-        *({"task": np.array(json.dumps(asdict(TASK) | wrong))} for wrong in WRONG_TASKS),
     ],
     ids=lambda change: ", ".join(change),
 )
@@ -130,18 +109,3 @@ def test_files_without_a_valid_policy_raise_a_one_line_error(
     with pytest.raises(ValueError, match=r"policy\.npz: expected") as refusal:
         load_policy(path)
     assert "\n" not in str(refusal.value)
-
-
-def test_a_save_on_a_full_disk_keeps_the_old_file(tmp_path: Path, random_policy: Make) -> None:
-    path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(m=3), TASK)
-    before = path.read_bytes()
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        with pytest.raises(OSError, match=r"File too large: '.*policy\.npz'"):
-            save_policy(path, random_policy(m=50), TASK)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]

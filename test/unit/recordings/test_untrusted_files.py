@@ -57,22 +57,9 @@ def looked_at(path: Path) -> None:
         source.load(iteration)
 
 
-def test_a_changed_byte_after_the_data_has_no_effect(whole: Path, tmp_path: Path) -> None:
-    content, path = whole.read_bytes(), tmp_path / "changed.mcap"
-    closing = content.rindex(b"rkhs_interfaces/msg/Policy")  # in the definitions that the index repeats
-    end_of_data = content.rindex(b"\x0f" + (4).to_bytes(8, "little"))
-    assert closing > end_of_data
-    for place in range(closing, closing + 900, 7):
-        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
-        source = source_of(path)
-        source.refresh()
-        assert source.load(1) is not None
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.nightly) for part in (1, 2, 3))])
-def test_a_recording_with_a_changed_byte_is_read_or_rejected(whole: Path, tmp_path: Path, part: int) -> None:
+def test_a_recording_with_a_changed_byte_is_read_or_rejected(whole: Path, tmp_path: Path) -> None:
     content, path = whole.read_bytes(), tmp_path / "changed.mcap"
-    for place in range(16 * part, len(content), 64):
+    for place in range(0, len(content), 64):
         path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
         readers(path)

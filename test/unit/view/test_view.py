@@ -186,15 +186,6 @@ def test_tasks_define_a_scene(environment: str) -> None:
     assert np.allclose(np.linalg.norm(motion.orientations, axis=2), 1.0)
 
 
-def test_the_rod_points_along_the_angle() -> None:
-    task = scene_of(Task("rkhs/Pendulum-v0", {"angle": "wrap"}, 10, 0.99))
-    motion = task.motion(np.array([[0.0, 0.0], [np.pi / 2, 0.0], [np.pi, 0.0]]), np.zeros((3, 1)))
-    weight = motion.positions[:, 1]
-    assert np.allclose(weight, [[0, 0, 1], [1, 0, 0], [0, 0, -1]], atol=1e-12)
-    axis = viser.transforms.SO3(motion.orientations[:, 0]).as_matrix()[:, :, 2]  # of the rod
-    assert np.allclose(axis, weight, atol=1e-12)
-
-
 def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
     assert scene_of(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
     assert scene_of(Task("nobody/Knows-v0", {}, 10, 0.99)) is None

@@ -14,7 +14,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.view.bodies import Surface, UrdfBodies
-from rkhs_ros.view.scenes import RobotScene, appearance_of, sensed_joints
+from rkhs_ros.view.scenes import RobotScene, appearance_of
 from rkhs_ros.view.timeline import Timeline
 
 CONFIGS = Path(__file__).parents[3] / "config"
@@ -138,17 +138,6 @@ def test_the_arm_has_the_frames_of_its_physics_engine(episode: tuple[Array, Arra
     low, high = scene.bounds
     assert (motion.positions > low).all()
     assert (motion.positions < high).all()
-
-
-def test_sensed_joints_are_found_in_the_observation() -> None:
-    sensors = {
-        "arm": {"joints": ["a", "b"], "fields": ["velocity", "position"]},
-        "zone": {"topic": "z", "type": "std_msgs/msg/Float64MultiArray", "fields": ["data[1:3]"]},
-        "base": {"topic": "b", "type": "geometry_msgs/msg/Twist", "fields": ["angular.x", "linear.x", "linear.y"]},
-    }
-    reward = {"function": "sim_nodes.robots.motor_pendulum:upright"}
-    made = robot_task_from({"sensors": sensors, "reward": reward})
-    assert sensed_joints(made) == {"a": 2, "b": 3}
 
 
 def test_the_motor_pendulum_looks_like_the_pendulum() -> None:
