@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from sim_nodes.envs.control_tasks import (
     ARM_STOP,
@@ -50,15 +49,6 @@ def test_the_levels_settle_where_inflow_equals_outflow(pump: float) -> None:
     flow = 0.15 * pump
     assert (first, second) == pytest.approx(np.minimum([(flow / 0.12) ** 2, (flow / 0.1) ** 2], 1.5), rel=1e-6)
     assert target == 0.4
-
-
-def test_what_leaves_the_first_tank_enters_the_second() -> None:
-    before, later = after(Tanks(), (0.6, 0.2, 0.4), 0.0, 1)
-    exact = solve_ivp(
-        lambda _, h: [-0.12 * np.sqrt(h[0]), 0.12 * np.sqrt(h[0]) - 0.1 * np.sqrt(h[1])], (0.0, 1.0), before[:2]
-    ).y[:, -1]
-    np.testing.assert_allclose(later[:2], exact, atol=0.002)
-    assert Tanks().reward(before[None], np.zeros((1, 1)))[0] == pytest.approx(-0.2)
 
 
 def energy(states: np.ndarray) -> np.ndarray:

@@ -65,14 +65,6 @@ def test_the_nearer_body_hides_the_other_in_any_order(near: float, seen: str) ->
         assert np.ptp(shade[np.array(list(bytes.fromhex(seen[1:]))) > 20]) < 0.05  # the same colour, darker or lighter
 
 
-def test_a_view_contains_its_bounds_and_fills_the_picture() -> None:
-    camera = Camera((0.3, -1.0, 0.4), BOX, (300, 200))
-    corners = camera._seen(surface("box", np.random.default_rng(0))) / FINER
-    assert (corners >= 0).all()
-    assert (corners <= [300, 200]).all()
-    assert max(np.ptp(corners, axis=0) / [300, 200]) > 0.8
-
-
 @pytest.mark.parametrize("task", ["rkhs/Pendulum-v0", "rkhs/CartPoleSwingUp-v0"])
 def test_gymnasiums_wrappers_take_the_pictures_of_a_task(task: str, rng: np.random.Generator) -> None:
     env = gymnasium.make(task, render_mode="rgb_array")
