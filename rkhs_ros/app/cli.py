@@ -14,8 +14,8 @@ from rkhs_ros import __version__
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 from rkhs_ros.base.processes import search_here
 
-# Module and summary of each command; the module's function add_NAME(parser) declares the arguments, and sets ``run`` to
-# a function of the parsed arguments that returns the exit code.
+# Module and summary of each command; the module's function add_NAME(parser) declares the arguments, and run_NAME runs
+# the command with the parsed arguments, and returns the exit code.
 COMMANDS = {
     "check": ("tasks", "explore a task and print what its settings should be"),
     "train": ("train", "train a policy, or one policy for each of several seeds"),
@@ -85,7 +85,9 @@ def _complete(words: Sequence[str]) -> None:
 def _declare(parser: Parser, name: str) -> None:
     """Declare the arguments of a command, whose module is imported."""
     module = import_module(f"rkhs_ros.app.commands.{COMMANDS[name][0]}")
-    getattr(module, f"add_{name.replace('-', '_')}")(parser)
+    function = name.replace("-", "_")
+    getattr(module, f"add_{function}")(parser)
+    parser.set_defaults(run=getattr(module, f"run_{function}"))
 
 
 def _exit_code(arguments: Sequence[str]) -> int:

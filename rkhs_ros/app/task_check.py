@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,11 +83,6 @@ class TaskCheck:
             decisions=decisions.count,
         )
 
-    @property
-    def observations(self) -> Array:
-        """All observations, shape (samples, d)."""
-        return self.episodes.flat(self.episodes.observations)
-
     def settings(self, training: Training) -> list[str]:
         """Return the settings that differ from those of a run and that the run would not find, as ``KEY=VALUE``."""
         discovery = training.model.discovery if isinstance(training.model, ModelBased) else "none"
@@ -102,29 +97,43 @@ class TaskCheck:
 
         The duration of a step in seconds is None if it is unknown.
         """
+        episodes, spaces = self.episodes, self.spaces
+        lengths, terminated = episodes.mask.sum(axis=1), int(episodes.terminated.sum())
+        each = step_seconds or 0.0
+        timed = f" ({lengths.mean() * each:.3g} s at {each:.3g} s per step)" if each else ""
+        steps = " to ".join(map(str, dict.fromkeys((lengths.min(), lengths.max()))))
+        observations, rewards = episodes.flat(episodes.observations), episodes.flat(episodes.rewards)
+        repeats = [f"{self._name(one)} repeats {self._name(other)}" for one, other in repeated_columns(observations)]
+        reward = f"{rewards.min():.4g} to {rewards.max():.4g}"
+        if not self._reward_varies():
+            reward = f"never changes: {rewards[0]:.4g}; if this stays so, nothing can be learnt"
+        elif reward_depends_on_action_only(episodes, spaces):
+            reward += "; a cost of the actions explains it"
+        low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
+        bounds = dict.fromkeys(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
+        others = f"{len(episodes) - terminated} at the time limit or the horizon"
         return [
-            ("episodes", self._lengths(step_seconds)),
-            ("ends", self._ends()),
+            ("episodes", f"{len(episodes)} of {steps} steps{timed}"),
+            ("ends", f"{terminated} of {len(episodes)} terminated by the task, {others}"),
             ("change per step", f"{self.change_per_step:.2f} sd of the observations"),
             ("action_repeat", self._repeat()),
             ("angles", ", ".join(self._angles()) or ("none found" if self.inputs_may_change else NOT_TESTED)),
-            ("constant columns", ", ".join(map(self._name, constant_columns(self.observations))) or "none"),
-            ("repeated columns", ", ".join(self._repeats()) or "none"),
+            ("constant columns", ", ".join(map(self._name, constant_columns(observations))) or "none"),
+            ("repeated columns", ", ".join(repeats) or "none"),
             ("history", self._history()),
-            ("reward", self._reward()),
-            ("actions", self._actions()),
+            ("reward", reward),
+            ("actions", f"{len(low)}, bounds {', '.join(bounds)}"),
         ]
 
     def problems(self) -> list[str]:
         """Return what no setting of a run mends, each with what to do about it; empty if there is nothing."""
-        problems = []
-        if not self._reward_varies():
-            problems.append("reward: give one that changes")
-        if self.change_per_decision > TOO_FAST:
-            problems.append("change per decision: run the task at a higher control rate")
-        if not self._is_bounded():
-            problems.append("actions: set exploration_sd in their units")
-        return problems
+        is_bounded = bool(np.isfinite([self.spaces.action_low, self.spaces.action_high]).all())
+        found = {
+            "reward: give one that changes": not self._reward_varies(),
+            "change per decision: run the task at a higher control rate": self.change_per_decision > TOO_FAST,
+            "actions: set exploration_sd in their units": not is_bounded,
+        }
+        return [problem for problem, is_found in found.items() if is_found]
 
     def _name(self, column: int) -> str:
         names = self.spaces.observation_names
@@ -136,27 +145,10 @@ class TaskCheck:
             return f"{text}, the most with {FEWEST_DECISIONS} decisions in the longest of these episodes"
         return f"{text}, the nearest to {CHANGE:g}"
 
-    def _lengths(self, step_seconds: float | None) -> str:
-        lengths = self.episodes.mask.sum(axis=1)
-        steps = _range(lengths.tolist())
-        if step_seconds is None:
-            return f"{len(lengths)} of {steps} steps"
-        return (
-            f"{len(lengths)} of {steps} steps ({lengths.mean() * step_seconds:.3g} s at {step_seconds:.3g} s per step)"
-        )
-
-    def _ends(self) -> str:
-        terminated, count = int(self.episodes.terminated.sum()), len(self.episodes)
-        return f"{terminated} of {count} terminated by the task, {count - terminated} at the time limit or the horizon"
-
     def _angles(self) -> Iterator[str]:
         for column, turn in zip(self.inputs.columns, self.inputs.full_turns.tolist(), strict=True):
-            unit = {6.283: "radians", 360.0: "degrees"}.get(round(turn, 3), f"a full turn is {turn:.4g}")
-            yield f"{self._name(column)} in {unit}" if unit.endswith("s") else f"{self._name(column)} ({unit})"
-
-    def _repeats(self) -> Iterator[str]:
-        for column, earlier in repeated_columns(self.observations):
-            yield f"{self._name(column)} repeats {self._name(earlier)}"
+            unit = {6.283: "in radians", 360.0: "in degrees"}.get(round(turn, 3), f"(a full turn is {turn:.4g})")
+            yield f"{self._name(column)} {unit}"
 
     def _history(self) -> str:
         if not self.inputs_may_change:
@@ -168,27 +160,6 @@ class TaskCheck:
 
     def _reward_varies(self) -> bool:
         return bool(np.ptp(self.episodes.flat(self.episodes.rewards)) > 0)
-
-    def _reward(self) -> str:
-        rewards = self.episodes.flat(self.episodes.rewards)
-        if not self._reward_varies():
-            return f"never changes: {rewards[0]:.4g}; if this stays so, nothing can be learnt"
-        text = f"{rewards.min():.4g} to {rewards.max():.4g}"
-        explained = reward_depends_on_action_only(self.episodes, self.spaces)
-        return text + ("; a cost of the actions explains it" if explained else "")
-
-    def _is_bounded(self) -> bool:
-        return bool(np.isfinite([self.spaces.action_low, self.spaces.action_high]).all())
-
-    def _actions(self) -> str:
-        low, high = (bound.ravel() for bound in (self.spaces.action_low, self.spaces.action_high))
-        bounds = dict.fromkeys(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
-        return f"{len(low)}, bounds {', '.join(bounds)}"
-
-
-def _range(numbers: Sequence[int]) -> str:
-    low, high = min(numbers), max(numbers)
-    return str(low) if low == high else f"{low} to {high}"
 
 
 def constant_columns(observations: Array) -> list[int]:

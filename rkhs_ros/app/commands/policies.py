@@ -34,10 +34,9 @@ def add_evaluate(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
     add("--discount", type=float, metavar="D", help="discount factor of the return (default: that of the task)")
     add_environment_argument(parser)
-    parser.set_defaults(run=_evaluate)
 
 
-def _evaluate(options: argparse.Namespace) -> int:
+def run_evaluate(options: argparse.Namespace) -> int:
     """Print the discounted and the undiscounted evaluation return as JSON."""
     if (config := robot_of(options.policy)) is not None:
         return _evaluate_on_robot(options, config)
@@ -73,10 +72,9 @@ def add_render(parser: argparse.ArgumentParser) -> None:
     about = "maximum number of pictures (default: %(default)s)"
     add("--frames", type=int, default=FRAMES, metavar="N", help=about)
     add_environment_argument(parser)
-    parser.set_defaults(run=_render)
 
 
-def _render(options: argparse.Namespace) -> int:
+def run_render(options: argparse.Namespace) -> int:
     """Write the film strip and the animation, and print their paths."""
     from rkhs_ros.pictures.film import animate, draw_strip, shoot  # here, since the import is slow
 
@@ -97,10 +95,9 @@ def add_plot(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``rkhs plot``."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="a run's folder")
     add_environment_argument(parser)
-    parser.set_defaults(run=_plot)
 
 
-def _plot(options: argparse.Namespace) -> int:
+def run_plot(options: argparse.Namespace) -> int:
     """Draw curve.png and policy.png, and print their paths."""
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
@@ -120,10 +117,9 @@ def add_export(parser: argparse.ArgumentParser) -> None:
     add("--fps", type=int, metavar="N", help=about)
     add("--task", metavar="TEXT", help="description of the task (default: id of the environment)")
     add_environment_argument(parser)
-    parser.set_defaults(run=_export)
 
 
-def _export(options: argparse.Namespace) -> int:
+def run_export(options: argparse.Namespace) -> int:
     """Write the policy, the page or the completed episodes."""
     source, file = options.source, options.file
     given = " and ".join(name for name in ("file", "lerobot") if getattr(options, name))

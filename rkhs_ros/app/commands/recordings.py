@@ -45,10 +45,9 @@ def add_imitate(parser: argparse.ArgumentParser) -> None:
     add_settings_argument(parser, "centres=300; also ridge, action_repeat, inputs.* and kernel.*")
     file = Path("imitated.npz")
     add("--out", type=Path, default=file, metavar="FILE", help="policy file to write (default: %(default)s)")
-    parser.set_defaults(run=_imitate)
 
 
-def _imitate(options: argparse.Namespace) -> int:
+def run_imitate(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and print its distance from the demonstrations."""
     file = options.episodes
     episodes, task, repeat = (*load_episodes(file), 1) if file.suffix == ".npz" else _demonstrations(file)
@@ -97,10 +96,9 @@ def add_offline(parser: argparse.ArgumentParser) -> None:
     add_settings_argument(parser, "model.centres=300")
     add("--out", type=Path, metavar="DIR", help="folder for the results (default: results/NAME/TIME)")
     add("--quiet", action="store_true", help="no progress bar")
-    parser.set_defaults(run=_offline)
 
 
-def _offline(options: argparse.Namespace) -> int:
+def run_offline(options: argparse.Namespace) -> int:
     """Train the policy, plot the run and print the returns."""
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
@@ -166,10 +164,9 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     about = "a recording, or the folder of a recorded run"
     parser.add_argument("recording", type=Path, metavar="RECORDING", help=about)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    parser.set_defaults(run=_replay)
 
 
-def _replay(options: argparse.Namespace) -> int:
+def run_replay(options: argparse.Namespace) -> int:
     """Print that all updates are bit-identical, or the first update that is not."""
     recording = read_recording(options.recording)
     total = len(recording.updates)

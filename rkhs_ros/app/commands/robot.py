@@ -21,10 +21,9 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     words = "; ".join(f"{word}: {about}" for word, about in WORDS.items())
     parser.add_argument("word", choices=WORDS, metavar="WORD", help=words)
     parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=FOLDER)
-    parser.set_defaults(run=_robot)
 
 
-def _robot(options: argparse.Namespace) -> int:
+def run_robot(options: argparse.Namespace) -> int:
     """Send the command, and print the answer."""
     require_ros("robot")
     from rkhs_ros.nodes.watch import command  # here, since the import needs ROS
@@ -37,10 +36,9 @@ def add_status(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``rkhs status``."""
     parser.add_argument("folder", type=Path, nargs="?", metavar="DIR", help=FOLDER)
     parser.add_argument("--watch", action="store_true", help="refresh every second until Ctrl-C")
-    parser.set_defaults(run=_status)
 
 
-def _status(options: argparse.Namespace) -> int:
+def run_status(options: argparse.Namespace) -> int:
     """Print the status; with --watch, until Ctrl-C."""
     require_ros("status")
     from rkhs_ros.nodes.watch import show  # here, since the import needs ROS

@@ -31,10 +31,9 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
     add("folders", type=Path, nargs="+", metavar="DIR", help="a run's folder, or a folder of runs")
     about = "picture; the tables are written beside it as .csv and .md (default: %(default)s)"
     add("--out", type=Path, default=out, metavar="FILE.png", help=about)
-    parser.set_defaults(run=_compare)
 
 
-def _compare(options: argparse.Namespace) -> int:
+def run_compare(options: argparse.Namespace) -> int:
     """Draw the picture, write the tables beside it, and print the table."""
     format_of(options.out)  # raises before anything is written
     comparison = compare(options.folders)
@@ -62,10 +61,9 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     about = "folder for the results (default: results/sweeps/NAME); pass the same folder to continue a sweep"
     add("--out", type=Path, metavar="DIR", help=about)
     add("--quiet", action="store_true", help="no progress bar")
-    parser.set_defaults(run=_sweep)
 
 
-def _sweep(options: argparse.Namespace) -> int:
+def run_sweep(options: argparse.Namespace) -> int:
     """Run what is missing, and write the tables and the picture; return 1 and report the runs that failed, if any."""
     seeds, varied = parse_seeds(options.seeds), grid.parse_variations(options.vary)
     require(all(map(isfinite, options.thresholds)), "--thresholds", "finite numbers", options.thresholds)
@@ -138,10 +136,9 @@ def add_reproduce(parser: argparse.ArgumentParser) -> None:
     add_jobs_argument(parser)
     add("--out", type=Path, default=out, metavar="DIR", help="folder for the results (default: %(default)s)")
     add("--quiet", action="store_true", help="no progress bar")
-    parser.set_defaults(run=_reproduce)
 
 
-def _reproduce(options: argparse.Namespace) -> int:
+def run_reproduce(options: argparse.Namespace) -> int:
     """Run the experiments, write their table and its picture, and print the paths."""
     require(options.runs is None or options.runs >= 1, "--runs", "at least 1", options.runs)
     names = list(known()) if options.figure == "all" else [options.figure]

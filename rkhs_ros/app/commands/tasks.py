@@ -33,10 +33,9 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     add("--episodes", type=int, default=EPISODES, metavar="N", help="exploring episodes (default: %(default)s)")
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add_settings_argument(parser, "horizon=500")
-    parser.set_defaults(run=_check)
 
 
-def _check(options: argparse.Namespace) -> int:
+def run_check(options: argparse.Namespace) -> int:
     """Explore with the first policy; print the findings, and what to do about them."""
     episodes, file = options.episodes, Path(options.task)
     require(1 <= episodes <= MOST_EPISODES, "--episodes", f"1 to {MOST_EPISODES}", episodes)
@@ -70,10 +69,9 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     add("config", type=Path, nargs="?", metavar="CONFIG", help=about)
     add("--env", metavar="ID", help="an environment instead of CONFIG (module:Id-v0 imports the module)")
     add_settings_argument(parser, "robot.period=0.1")
-    parser.set_defaults(run=_simulate)
 
 
-def _simulate(options: argparse.Namespace) -> int:
+def run_simulate(options: argparse.Namespace) -> int:
     """Run the nodes until Ctrl-C, or until one of them exits."""
     require_ros("rkhs simulate")
     given = " and ".join(name for name in ("CONFIG", "--env") if getattr(options, name.strip("-").lower()))
@@ -93,10 +91,9 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def add_list(parser: argparse.ArgumentParser) -> None:
     """Declare ``rkhs list``, which has no arguments."""
-    parser.set_defaults(run=_list)
 
 
-def _list(options: argparse.Namespace) -> int:
+def run_list(options: argparse.Namespace) -> int:
     """Print the tasks, algorithms, kernels and figures."""
     from rkhs_ros.paper.experiment import known  # here, since no other command of this module needs it
 

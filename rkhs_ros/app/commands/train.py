@@ -58,10 +58,9 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     add("--view", action="store_true", help="show the run in the browser")
     add("--tensorboard", action="store_true", help="log each iteration for TensorBoard as well, in DIR/tensorboard")
     add("--quiet", action="store_true", help="no progress bar")
-    parser.set_defaults(run=_train)
 
 
-def _train(options: argparse.Namespace) -> int:
+def run_train(options: argparse.Namespace) -> int:
     """Train, plot the run and print a summary."""
     _check_source(options)
     if options.view:

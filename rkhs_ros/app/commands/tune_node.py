@@ -15,6 +15,7 @@ from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require, require_ros
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.robot.tuning import Trials, Tuning, best_places, next_places, noise_of, tuning_from
+from rkhs_ros.runs.report import new_folder
 
 if TYPE_CHECKING:
     from rkhs_ros.nodes.robot.tuned_node import TunedNode
@@ -31,10 +32,9 @@ def add_tune_node(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=0, metavar="N", help="seed of all randomness (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder of the run (default: results/FILE); an unfinished run resumes")
     add("--apply", action="store_true", help="leave the best parameters set at the end")
-    parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> int:
+def run_tune_node(options: argparse.Namespace) -> int:
     """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``."""
     require_ros("rkhs tune-node")
     try:
@@ -62,16 +62,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _begin(folder: Path, described: str) -> None:
-    """Create the folder of a run, or check that it contains one of the same tuning, whose trials are in its ranges."""
+    """Create the folder of a run, or raise ValueError unless it contains a run of the same tuning, which goes on."""
     file = folder / TUNING
     if file.is_file():
         same = file.read_text() == described
         require(same, f"{folder}", "a new folder, or the run of the same tuning and seed", "the run of another one")
-        return
-    in_use = folder.is_dir() and any(folder.iterdir())
-    require(not in_use, f"{folder}", "a new or empty folder, or an unfinished tuning", "one in use")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(file, described.encode())
+    else:
+        new_folder(folder, "")
+        write_whole(file, described.encode())
 
 
 class Record:

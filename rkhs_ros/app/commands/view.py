@@ -39,10 +39,9 @@ def add_view(parser: argparse.ArgumentParser) -> None:
     about = "port; the next free port is used if taken (default: %(default)s)"
     add("--port", type=int, default=PORT, metavar="N", help=about)
     add_environment_argument(parser)
-    parser.set_defaults(run=_view)
 
 
-def _view(options: argparse.Namespace) -> int:
+def run_view(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     require_extra("viser", "view", "view")
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
