@@ -31,14 +31,6 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Panel:
-    """A plot with several curves."""
-
-    title: str
-    curves: tuple[Curve, ...]
-
-
-@dataclass(frozen=True)
 class Experiment:
     """An experiment, shown in one figure.
 
@@ -47,14 +39,14 @@ class Experiment:
         title: title of the figure.
         runs: number of independent runs of each curve.
         band: band around the mean: its 95 % "confidence" interval, or the "sd" of the runs.
-        panels: plots, from left to right.
+        panels: the curves of each plot by its title, from left to right.
     """
 
     name: str
     title: str
     runs: int
     band: str
-    panels: tuple[Panel, ...]
+    panels: Mapping[str, tuple[Curve, ...]]
 
 
 def folder() -> Path:
@@ -76,10 +68,10 @@ def load_experiment(name: str) -> Experiment:
     """Read an experiment by name."""
     path = pick(name, known(), "experiment")
     tree = read_yaml(path)
-    panels = tuple(
-        Panel(panel["title"], tuple(_curve(each, panel.get("set", []), path) for each in panel["curves"]))
+    panels = {
+        panel["title"]: tuple(_curve(each, panel.get("set", []), path) for each in panel["curves"])
         for panel in tree["panels"]
-    )
+    }
     return Experiment(name, tree["title"], tree["runs"], tree["band"], panels)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from rkhs_ros.app.study import make_missing
 from rkhs_ros.learning.training import train
-from rkhs_ros.paper.experiment import Curve, Experiment, Panel, known, load_experiment
+from rkhs_ros.paper.experiment import Curve, Experiment, known, load_experiment
 from rkhs_ros.paper.reproduce import Table, draw_experiment, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -34,7 +34,7 @@ def files(run: Path) -> dict[Path, int]:
 def experiment() -> Experiment:
     nac, ac = (Curve(name, ROOT / "config" / f"toy_{name}.yaml", SHORT) for name in ("nac", "ac"))
     longer = replace(nac, label="longer", changes=(*SHORT, "iterations=3"))
-    return Experiment("small", "Small", 2, "sd", (Panel("left", (nac, ac)), Panel("right", (longer,))))
+    return Experiment("small", "Small", 2, "sd", {"left": (nac, ac), "right": (longer,)})
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
 
 @pytest.mark.parametrize("name", PAPER_RUNS)
 def test_every_curve_of_a_figure_has_a_distinct_configuration(name: str) -> None:
-    curves = [curve for panel in load_experiment(name).panels for curve in panel.curves]
+    curves = [curve for panel in load_experiment(name).panels.values() for curve in panel]
     settings = [str(curve.run(3).parameters()) for curve in curves]
     assert len(set(settings)) == len(curves)
     assert all(curve.run(3).training.seed == 3 for curve in curves)
@@ -68,15 +68,14 @@ def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, t
     table = make_table(experiment, tmp_path, runs=2)
     lines = list(csv.DictReader((tmp_path / "small.csv").open()))
     assert len(lines) == 2 * (2 + 2 + 3)
-    assert [float(line["evaluation_return"]) for line in lines[-3:]] == pytest.approx(
-        table["right", "longer"].evaluation[1], abs=5e-4
-    )
-    config = experiment.panels[0].curves[1].run(1)
+    last = [row.evaluation_return for row in table["right", "longer"][1]]
+    assert [float(line["evaluation_return"]) for line in lines[-3:]] == pytest.approx(last, abs=5e-4)
+    config = experiment.panels["left"][1].run(1)
     runner = InlineRunner(Simulation(config.environment.id))
     expected = [iteration.evaluation_returns.mean() for iteration in train(config.training, runner)]
-    returns = table["left", "ac"]
-    assert returns.evaluation[1].tolist() == expected
-    assert returns.episodes.tolist() == [2, 4]
+    assert [(row.evaluation_return, row.episodes) for row in table["left", "ac"][1]] == list(
+        zip(expected, (2, 4), strict=True)
+    )
 
 
 @pytest.mark.slow
@@ -90,7 +89,7 @@ def test_an_interrupted_experiment_runs_only_what_is_missing(
     make_table(experiment, tmp_path, runs=1)
     assert table.read_bytes() == whole
     assert [files(run) for run in finished] == before
-    assert len(make_table(experiment, tmp_path, runs=2, jobs=2)["right", "longer"].evaluation) == 2
+    assert len(make_table(experiment, tmp_path, runs=2, jobs=2)["right", "longer"]) == 2
     assert [files(run) for run in finished] == before
 
 
@@ -116,7 +115,7 @@ def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> No
     pictures = [tmp_path / "one.png", tmp_path / "other.png"]
     draw_experiment(pictures[0], experiment, table)
     key = ("right", "longer")
-    changed = {**table, key: table[key]._replace(evaluation=table[key].evaluation + 1.0)}
+    changed = {**table, key: [[row._replace(evaluation_return=9.0) for row in rows] for rows in table[key]]}
     draw_experiment(pictures[1], experiment, changed)
     one, other = (picture.read_bytes() for picture in pictures)
     assert one[:8] == b"\x89PNG\r\n\x1a\n"
