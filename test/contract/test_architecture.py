@@ -8,34 +8,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 # The layers of rkhs_ros: each imports only from itself and from earlier ones. sim_nodes is separate, see below.
 LAYERS = (
-    "base",
-    "rkhs",
-    "policies",
-    "learning",
-    "recordings",
-    "rollouts",
-    "runs",
-    "studies",
-    "robot",
-    "nodes",
-    "pictures",
-    "view",
-    "paper",
-    "app",
+    *("base", "rkhs", "policies", "learning", "recordings", "rollouts", "runs", "studies"),
+    *("robot", "nodes", "pictures", "view", "paper", "app"),
 )
 ROS = (
-    "rclpy",
-    "rkhs_interfaces",
-    "rcl_interfaces",
-    "builtin_interfaces",
-    "diagnostic_msgs",
-    "geometry_msgs",
-    "sensor_msgs",
-    "std_msgs",
-    "std_srvs",
-    "trajectory_msgs",
-    "launch",
-    "launch_ros",
+    *("rclpy", "rkhs_interfaces", "rcl_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs"),
+    *("sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs", "launch", "launch_ros"),
 )
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [
@@ -106,14 +84,6 @@ def test_all_packages_have_a_layer() -> None:
 
 def test_layers_import_only_from_earlier_layers() -> None:
     assert [f"{path}: {name}" for path in PRODUCT for name in upward(imports(path), layer(path))] == []
-
-
-def test_an_import_from_a_later_layer_is_detected(tmp_path: Path) -> None:
-    for place, name in enumerate(LAYERS[:-1]):
-        module = tmp_path / f"{name}.py"
-        module.write_text(f"def later() -> None:\n    from rkhs_ros.{LAYERS[place + 1]} import something\n")
-        assert upward(imports(module), place)
-        assert upward(["sim_nodes.envs"], place)
 
 
 def circle_in(folder: Path, root: Path) -> set[str]:
@@ -202,11 +172,6 @@ def test_random_numbers_come_from_explicit_streams() -> None:
     assert offenders(EVERYTHING, lambda name: within(name, "random")) == []
     assert offenders(EVERYTHING, lambda name: within(name, "numpy.random") and name not in explicit) == []
     assert [f"{path}:{line}" for path in EVERYTHING for line in implicit_streams(parsed(path))] == []
-
-
-def test_implicit_streams_are_detected() -> None:
-    code = "import numpy as np\nnp.random.normal()\nnp.random.default_rng()\nnp.random.default_rng(1)\n"
-    assert implicit_streams(ast.parse(code)) == [2, 3]
 
 
 def test_package_code_has_no_assert() -> None:

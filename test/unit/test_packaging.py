@@ -13,8 +13,6 @@ from typing import Any
 
 import pytest
 
-from rkhs_ros import __version__
-
 ROOT = Path(__file__).parents[2]
 KEYS = {  # of rosdep, by the names of the packages and those that they are imported by; of the others: python3-NAME
     "PIL": "python3-pil",
@@ -124,11 +122,6 @@ def test_each_package_has_its_licence_and_a_changelog_of_its_name(package: Path)
     assert (package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     title = (package / "CHANGELOG.rst").read_text().splitlines()[1]
     assert title == f"Changelog for package {name}"
-
-
-def test_the_manifest_and_the_citation_have_the_version_of_the_package() -> None:
-    assert ET.parse(ROOT / "package.xml").findtext("version") == __version__
-    assert f"version: {__version__}" in (ROOT / "CITATION.cff").read_text()
 
 
 def named(*kinds: str) -> set[str]:

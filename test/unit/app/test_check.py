@@ -28,16 +28,6 @@ def checked(rkhs: Rkhs, *arguments: object) -> dict[str, str]:
     return {name: value.strip() for name, value in table(result.out).items()}
 
 
-def test_a_pendulum_needs_no_settings(rkhs: Rkhs) -> None:
-    values = checked(rkhs, "rkhs/Pendulum-v0")
-    assert values["episodes"] == "3 of 100 steps (10 s at 0.1 s per step)"
-    assert values["ends"].startswith("0 of 3 terminated")
-    assert values["actions"] == "1, bounds -3 to 3"
-    assert (values["constant columns"], values["repeated columns"]) == ("none", "none")
-    assert values["history"] == "a longer one does not help"
-    assert values["last"] == "the defaults will do"
-
-
 def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> None:
     wrapped = "environment.options.angle=wrap"
     assert checked(rkhs, "rkhs/Pendulum-v0", "--set", wrapped)["angles"].startswith("0 ")

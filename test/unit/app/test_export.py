@@ -1,6 +1,5 @@
 """``rkhs export`` for policies."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,24 +21,12 @@ def run(rkhs: Run) -> Path:
     return Path("run")
 
 
-@pytest.fixture
-def without_onnx(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "onnx", None)
-
-
 def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
     pytest.importorskip("onnxruntime")
     done = rkhs("export", run, "policy.onnx")
     assert (done.code, done.err) == (0, "")
     assert done.out.startswith("Exported the policy: policy.onnx\nChecked on 1000 random observations: relative error ")
     assert Path("policy.onnx").is_file()
-
-
-@pytest.mark.usefixtures("without_onnx")
-def test_a_missing_extra_gives_one_line(run: Path, rkhs: Run) -> None:
-    message = "export: expected onnx to be installed (pip install onnx, or the extra"
-    assert_refused(rkhs("export", run, "policy.onnx"), message)
-    assert not Path("policy.onnx").exists()
 
 
 def test_export_needs_one_known_format(rkhs: Run) -> None:

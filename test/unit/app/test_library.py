@@ -83,14 +83,6 @@ def test_every_kind_of_environment_gives_the_same_result(source: str) -> None:
     assert result.policy.spaces.action_low.dtype == np.float32
 
 
-def test_the_horizon_is_the_time_limit_of_the_environment() -> None:
-    quick = {"iterations": 1, "episodes_per_iteration": 1, "evaluate_every": 0, "model": "none"}
-    assert rkhs_ros.train("Pendulum-v1", progress=False, **quick).policy.task.horizon == 200
-    assert rkhs_ros.train(gymnasium.make("Pendulum-v1"), progress=False, **quick).policy.task.horizon == 200
-    unlimited = gymnasium.make("Pendulum-v1", max_episode_steps=-1)
-    assert rkhs_ros.train(unlimited, progress=False, **quick).policy.task.horizon == 100
-
-
 def test_learn_yields_results_and_can_be_stopped() -> None:
     numbers = []
     for result in rkhs_ros.learn(

@@ -100,12 +100,6 @@ def test_a_run_that_a_callback_stops_resumes_bit_identically(source: Any, tmp_pa
     assert len(set(weights)) == 1
 
 
-def test_a_numpy_bool_of_a_callback_stops_and_none_does_not() -> None:
-    runs = {answer: rkhs_ros.train("rkhs/Toy-v0", callback=lambda _, a=answer: a, **SHORT) for answer in (None, True)}
-    assert [len(run.rows) for run in runs.values()] == [3, 3]
-    assert len(rkhs_ros.train("rkhs/Toy-v0", callback=lambda _: np.bool_(False), **SHORT).rows) == 1
-
-
 def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path) -> None:
     run, other = tmp_path / "run", tmp_path / "other"
     rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, **SHORT)  # starts the run, since there is none
@@ -149,12 +143,3 @@ def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, caps
         (line,) = capsys.readouterr().err.splitlines()
         assert "unknown environment 'Slide'" in line
         assert line.endswith("pass it to rkhs_ros.evaluate, or to rkhs_ros.train with resume=True")
-
-
-def test_an_environment_that_fails_raises_run_error(tmp_path: Path) -> None:
-    class Fails(Slide):
-        def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-            raise RuntimeError("the cable is loose")
-
-    with pytest.raises(rkhs_ros.RunError, match=r"Fails: step 1 of environment 0: RuntimeError: the cable is loose"):
-        rkhs_ros.train(Fails, out=tmp_path / "run", **SHORT)

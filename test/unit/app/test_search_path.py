@@ -70,12 +70,6 @@ def test_a_configuration_on_the_command_line_may_name_modules_of_the_current_fol
     assert Path("imported").exists()
 
 
-@pytest.mark.usefixtures("foreign_run")
-def test_a_resumed_run_keeps_its_environment(rkhs: Rkhs) -> None:
-    refused = rkhs("train", "--resume", "run", *INLINE, "--env", "Pendulum-v1")
-    assert_refused(refused, f"--env: expected {NAME}, the environment of run")
-
-
 def test_a_started_process_searches_where_this_one_does_and_nothing_in_the_folder_hides_another_module() -> None:
     Path("theirs.py").write_text("import json, sys; print(json.__name__, sys.argv)\n")
     Path("json.py").write_text("raise SystemExit('hidden')\n")

@@ -106,18 +106,6 @@ def test_entries_list_every_setting_once_with_its_description(training: Training
     assert all(entry.about["description"] for entry in listed)
 
 
-def test_entries_rebuild_the_same_settings() -> None:
-    training = Training(seed=7, algorithm=RKHSNAC(ridge=0.25, step=FixedStep(0.5)), kernel=KernelChoice("polynomial"))
-    tree: dict[str, Any] = {}
-    for name, value, _ in entries(training):
-        *sections, last = name.split(".")
-        section = tree
-        for part in sections:
-            section = section.setdefault(part, {})
-        section[last] = value
-    assert training_from(tree) == training
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -1,8 +1,6 @@
 """The table of tasks in benchmarks/: its searches, their costs, and the stored and printed curves."""
 
-import csv
 from collections.abc import Iterator
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-import task_learners
 import tasks
-from deep_peers import SeenThrough
-from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.runs.config import config_for
 from task_learners import LEARNERS, Learner
-from tasks import Cell, as_csv
 from trial import Point, Trial
 
 STEPS = 3  # per episode
 RIVALS = ("linear-cma-es", "linear-ars")
-over_searches = pytest.mark.parametrize("make", [task_learners.CMAES, task_learners.ARS])
 
 
 class Quadratic(gymnasium.Env[Any, Any]):
@@ -58,16 +51,6 @@ def curve_of(learner: str, environment: str, episodes: int, *changes: str) -> li
     return list(LEARNERS[learner].learn(Trial(config, episodes, discounted=False)))
 
 
-@over_searches
-def test_a_search_maximises_a_quadratic(make: Any) -> None:
-    best = np.array([0.5, -0.3, 0.2])
-    search = make(3, 0)
-    for _ in range(40):
-        candidates = search.ask()
-        search.tell(candidates, -np.sum((candidates - best) ** 2, axis=1))
-    assert np.sum((search.mean - best) ** 2) < 0.1 * np.sum(best**2)
-
-
 @pytest.mark.parametrize("learner", RIVALS)
 def test_a_linear_policy_learns_a_linear_task(learner: str, quadratic: str) -> None:
     curve = curve_of(learner, quadratic, 200, f"horizon={STEPS}")
@@ -79,17 +62,6 @@ def test_every_exploring_episode_counts_and_no_other(learner: str, generation: i
     curve = curve_of(learner, quadratic, 2 * generation + 1, "horizon=9", "evaluation_episodes=4")
     assert [point.episodes for point in curve] == [generation, 2 * generation, 3 * generation]
     assert [point.steps for point in curve] == [STEPS * point.episodes for point in curve]
-
-
-def test_other_learners_get_the_same_observations() -> None:
-    inputs = Inputs(history=3, angles=(0,))
-    env = SeenThrough(Quadratic(), inputs, STEPS)
-    actions = np.arange(1.0, STEPS + 1)[None, :, None]
-    observations = [env.reset(seed=0)[0], *(env.step(action)[0] for action in actions[0])]
-    plain = Quadratic()
-    seen = np.array([[plain.reset(seed=0)[0], *(plain.step(action)[0] for action in actions[0])]])
-    np.testing.assert_array_equal(observations[:-1], inputs.unfold(seen[:, :-1], actions)[0])
-    assert env.observation_space.shape == observations[-1].shape
 
 
 class Counted:
@@ -137,28 +109,3 @@ def test_every_task_has_settings_that_fit(name: str) -> None:
         assert trial.config.training.seed == 3
         assert trial.episodes >= 100
     assert tasks.TASKS["toy"].trial("ours", 0, None).config.training.horizon == 20
-
-
-def point(episodes: int, value: float) -> Point:
-    return Point(episodes, 20 * episodes, 0.01 * episodes, -1.0, value)
-
-
-def summary(curves: list[list[Point]], *thresholds: float) -> dict[tuple[str, str], tuple[str, str, str]]:
-    lines = csv.DictReader(StringIO(as_csv([Cell("toy", "hand", thresholds, True, curves)])))
-    return {(line["quantity"], line["at"]): (line["value"], line["low"], line["high"]) for line in lines}
-
-
-def test_summary_of_given_curves() -> None:
-    curves = [
-        [point(10, 1.0), point(20, 5.0), point(100, 2.0)],
-        [point(10, 5.0), point(30, 6.0), point(100, 8.0)],
-        [point(5, 0.0), point(50, 5.0), point(105, 6.0)],
-    ]
-    shown = summary(curves, 5.0, 8.0)
-    assert shown["episodes to", "5.0"] == ("20.0", "10.0", "50.0")  # the second drop does not count
-    assert shown["steps to", "5.0"] == ("400.0", "200.0", "1000.0")
-    assert shown["episodes to", "8.0"] == ("inf", "100.0", "inf")
-    assert float(shown["return after", "10"][0]) == pytest.approx(2.0)
-    assert float(shown["return after", "30"][0]) == pytest.approx((5.0 + 6.0 + 0.0) / 3)
-    assert float(shown["return after", "100"][0]) == pytest.approx((2.0 + 8.0 + 5.0) / 3)
-    assert float(shown["CPU seconds", ""][0]) == pytest.approx(1.0)

@@ -62,10 +62,6 @@ def test_a_failing_environment_stops_the_run_in_one_line_and_a_repaired_one_resu
     assert len(Curve(Path("run/curve.csv")).rows()) == 4
 
 
-def test_infinite_bounds_of_observations_are_accepted(rkhs: Callable[..., Result]) -> None:
-    assert rkhs(*ARGUMENTS, "environment.options.fault=infinite bounds").code == 0
-
-
 def test_an_infinite_action_is_reported_with_environment_and_step(random_policy: Callable[..., GaussianPolicy]) -> None:
     policy = random_policy(d=1, n=1)
     loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
@@ -108,12 +104,6 @@ def test_a_flag_that_is_neither_true_nor_false_is_refused(
     runner = InlineRunner(Simulation(Still))
     with pytest.raises(RunError, match="step 1 of environment 0: expected terminated to be True or False, got "):
         runner.collect(random_policy(d=1, n=1), Batch(0, 0, 1, 5, explore=False))
-
-
-@pytest.mark.parametrize("metadata", [None, {"render_fps": 0}])
-def test_empty_metadata_are_accepted(monkeypatch: pytest.MonkeyPatch, metadata: Any) -> None:
-    monkeypatch.setattr(Still, "metadata", metadata)
-    assert Simulation(Still).step_seconds == 1.0
 
 
 SELFISH = """

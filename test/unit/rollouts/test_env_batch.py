@@ -1,7 +1,6 @@
 """Batches of every kind of environment: from ids, objects, copies, single and flattened environments."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -10,10 +9,9 @@ import pytest
 from gymnasium.spaces import Box, Dict, Tuple
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-import rkhs_ros
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rollouts.environments import env_batch_of, spec_of, time_limit
+from rkhs_ros.rollouts.environments import env_batch_of
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 
@@ -81,16 +79,6 @@ def test_episodes_store_the_final_observation_and_the_kind_of_end(policy: Gaussi
     assert np.array_equal(episodes.terminated, lasts % 2 == 0)
     for name in ("observations", "actions", "rewards"):
         assert not getattr(episodes, name)[~episodes.mask].any()
-
-
-def test_the_horizon_truncates_episodes(policy: GaussianPolicy) -> None:
-    batch = Batch(3, 0, 10, 3, explore=True)
-    episodes = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, batch)
-    lasts = episodes.observations[:, 0, 1].astype(int)
-    longer = lasts > 3
-    assert longer.any()
-    assert not episodes.terminated[longer].any()
-    assert np.array_equal(episodes.final_observations[:, 0], np.maximum(lasts - 3, 0))
 
 
 def test_finished_environments_are_not_stepped_and_copies_are_created_on_demand(policy: GaussianPolicy) -> None:
@@ -164,79 +152,6 @@ def test_dictionary_and_tuple_observations_are_flattened(policy: GaussianPolicy,
     source = (lambda: SyncVectorEnv([Composed] * 3)) if vector else Composed
     episodes = InlineRunner(Simulation(source)).collect(policy, BATCH)
     assert np.array_equal(episodes.observations, expected.observations)
-
-
-class Scalar(gymnasium.Env[Any, Any]):
-    """Environment with actions and observations of empty shape, and a reward of shape (1,)."""
-
-    observation_space = Box(-2.0, 2.0, (), np.float64)
-    action_space = Box(-1.0, 1.0, (), np.float32)
-    taken: list[Any] = []
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        return self.np_random.uniform(-2.0, 2.0), {}
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        self.taken.append(action)
-        return np.float64(action), np.array([-float(action)]), False, False, {}
-
-
-def test_an_action_of_empty_shape_is_an_array() -> None:
-    (result,) = rkhs_ros.learn(Scalar, iterations=1, horizon=3, discount=1.0, episodes_per_iteration=10, model="none")
-    played = result.policy(1.0)
-    Scalar.taken.append(played)
-    assert {type(action) for action in Scalar.taken} == {np.ndarray}
-    assert {(action.shape, action.dtype) for action in Scalar.taken} == {((), np.dtype(np.float32))}
-    assert all(Scalar.action_space.contains(action) for action in Scalar.taken)
-    exploring = np.array(Scalar.taken[: 10 * 3]).reshape(3, 10)
-    assert np.allclose(result.iteration.exploration_returns, -exploring.sum(axis=0))
-
-
-MODULE = """
-import gymnasium, numpy as np
-from gymnasium.spaces import Box
-
-class Still(gymnasium.Env):
-    observation_space, action_space = Box(-1.0, 1.0, (3,)), Box(-1.0, 1.0, (2,))
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return np.zeros(3, np.float32), {}
-    def step(self, action):
-        return np.zeros(3, np.float32), 0.0, False, False, {}
-
-gymnasium.register("Still-v0", "%s:Still", max_episode_steps=7)
-"""
-
-
-def test_a_module_in_the_folder_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "still_life.py").write_text(MODULE % "still_life")
-    simulation = Simulation("still_life:Still-v0")
-    assert (simulation.spaces.observation_dim, simulation.spaces.action_dim) == (3, 2)
-    assert simulation.environment == "still_life:Still-v0"
-    assert time_limit("still_life:Still-v0") == 7
-    with pytest.raises(
-        ValueError, match=r"unknown environment 'still_life:Stil-v0', did you mean 'still_life:Still-v0'\?"
-    ):
-        spec_of("still_life:Stil-v0")
-    (tmp_path / "broken_life.py").write_text("import nothing_such")
-    with pytest.raises(
-        ValueError, match=r"expected an importable module 'broken_life', got ModuleNotFoundError: No module"
-    ):
-        Simulation("broken_life:Still-v0")
-
-
-def test_a_function_that_returns_the_same_environment_limits_the_batch_to_one(
-    policy: GaussianPolicy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    expected = InlineRunner(Simulation("test/Countdown-v0")).collect(policy, BATCH)
-    only = Countdown()
-    episodes = InlineRunner(Simulation(lambda: only)).collect(policy, BATCH)
-    for name in FIELDS:
-        assert np.array_equal(getattr(episodes, name), getattr(expected, name)), name
-    assert "got the same one again" in capsys.readouterr().err
 
 
 def test_an_instance_has_id_and_options_unless_wrapped() -> None:

@@ -85,36 +85,6 @@ def test_a_gymnasium_environment_is_simulated() -> None:
     assert all((frame.rewards < 0).all() for frame in frames)
 
 
-@pytest.mark.parametrize(
-    ("environment", "message"),
-    [
-        ("CartPole-v1", r"CartPole-v1 actions: expected a continuous space \(a Box of numbers\), got Discrete\(2\)"),
-        ("rkhs/Pendulm-v0", r"unknown environment 'rkhs/Pendulm-v0', did you mean 'rkhs/Pendulum-v0'\?"),
-        ("no_such_module:Pendulum-v1", "unknown environment"),
-    ],
-)
-def test_unknown_or_discrete_environments_are_rejected_in_one_line(environment: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message) as refusal:
-        Simulation(environment)
-    assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("environment", "seconds"), [("rkhs/Toy-v0", 1.0), ("rkhs/Pendulum-v0", 0.1), ("Pendulum-v1", 0.05)]
-)
-def test_a_step_has_a_duration_in_seconds(environment: str, seconds: float) -> None:
-    assert Simulation(environment).step_seconds == seconds
-
-
-class Camera(Walk):
-    observation_space = Box(0, 255, (8, 8, 3), np.uint8)
-
-
-def test_images_are_reported_as_unsupported() -> None:
-    with pytest.raises(ValueError, match=r"Camera observations: expected a continuous .* got images, which"):
-        Simulation(Camera)
-
-
 class Robot(Walk):
     """Environment of which only one instance can exist, like a robot."""
 
@@ -170,14 +140,3 @@ def test_a_passed_environment_stays_open(robot: str, is_vector: bool, batches: i
     assert Robot.is_in_use
     rkhs_ros.train(passed, **SHORT)
     assert Robot.is_in_use
-
-
-def test_an_error_in_close_is_reported_without_losing_the_result(
-    robot: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def close(robot: Robot) -> None:
-        raise OSError("it hangs on")
-
-    monkeypatch.setattr(Robot, "close", close)
-    assert len(rkhs_ros.train(robot, **SHORT).rows) == 2
-    assert capsys.readouterr().err == "warning: test/Robot-v0: close: OSError: it hangs on\n"

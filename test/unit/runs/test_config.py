@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from rkhs_ros.app.robots import check_robot
-from rkhs_ros.base.settings import entries
 from rkhs_ros.base.yaml_text import dumped, is_for
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import KLStep
@@ -45,18 +44,6 @@ def test_the_task_of_every_configuration_can_be_simulated(path: Path) -> None:
         check_robot(load_config(path))
     else:
         Simulation(environment.id, environment.options)
-
-
-def test_the_resolved_text_contains_every_setting_of_the_learner(write: Any) -> None:
-    config = load_config(write(MINIMAL))
-    learner = yaml.safe_load(resolved(config))["/**/learner"]["ros__parameters"]
-    for name, value, _ in entries(config.training):
-        if value == ():  # not valid in a ROS parameter file
-            continue
-        found = learner
-        for part in name.split("."):
-            found = found[part]
-        assert found == (list(value) if isinstance(value, tuple) else value)
 
 
 def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None:
@@ -128,24 +115,15 @@ def test_the_parameter_dump_of_a_node_is_a_configuration(write: Any) -> None:
     assert load_config(write(dumped(dump))) == config
 
 
-def test_the_section_of_the_learner_may_contain_the_expected_environment(write: Any) -> None:
-    expected = MINIMAL.replace("simulator", "learner")
-    assert load_config(write(expected)) == load_config(write(MINIMAL))
-
-
 @pytest.mark.parametrize(
     ("section", "node", "expected"),
     [
-        ("simulator", "/simulator", True),
-        ("simulator", "/a/simulator", False),
         ("/a/simulator", "/a/simulator", True),
         ("/*/simulator", "/a/simulator", True),
         ("/*/simulator", "/a/b/simulator", False),
-        ("/**/simulator", "/simulator", True),
         ("/**/simulator", "/a/b/simulator", True),
         ("/**/simulator", "/a/learner", False),
         ("/**", "/a/learner", True),
-        ("/a.c/simulator", "/abc/simulator", False),
     ],
 )
 def test_a_section_applies_to_matching_nodes(section: str, node: str, expected: bool) -> None:

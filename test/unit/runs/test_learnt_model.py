@@ -55,15 +55,6 @@ def test_the_models_of_a_result_its_folder_and_its_episodes_are_bit_identical(tm
     np.testing.assert_array_equal(episode_in(model), episode)
 
 
-def test_a_run_without_a_model_is_refused(tmp_path: Path) -> None:
-    expected = "^model: expected a run with model-based training, got one without$"
-    with pytest.raises(ValueError, match=expected):
-        load_model(run_in(tmp_path / "run", "model.form=none"))
-    result = rkhs_ros.train(TASK, model="none", iterations=1, horizon=10, progress=False)
-    with pytest.raises(ValueError, match=expected):
-        _ = result.model
-
-
 def test_a_folder_without_a_finished_iteration_is_refused(tmp_path: Path) -> None:
     folder = run_in(tmp_path / "run", *OF_MODEL)
     file = folder / "recording.mcap"

@@ -16,7 +16,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import BEGINNING
-from rkhs_ros.runs.report import evaluation_bounds, new_folder, summary
+from rkhs_ros.runs.report import evaluation_bounds, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
 
@@ -97,15 +97,6 @@ def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runn
         assert f"Trained on rkhs/Toy-v0 for {3 * iterations} episodes and {2 * iterations} evaluation episodes" in text
         returns = f"{before:.4g} in the first iteration, {after:.4g} (undiscounted {total:.4g}) in the last evaluation"
         assert f"Discounted return: {returns}" in text
-
-
-def test_the_folder_must_be_new_or_empty(tmp_path: Path) -> None:
-    assert new_folder(tmp_path / "a" / "b", "x").is_dir()
-    assert new_folder(tmp_path / "a" / "b", "x") == tmp_path / "a" / "b"
-    (tmp_path / "a" / "b" / "file").write_text("kept")
-    for used in (tmp_path / "a" / "b", tmp_path / "a" / "b" / "file"):
-        with pytest.raises(ValueError, match="expected a new or empty folder"):
-            new_folder(used, "x")
 
 
 def row(evaluated: int, value: float, sd: float) -> Row:

@@ -79,13 +79,6 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
 
 
-def test_episodes_that_ran_ahead_of_a_stop_are_repeated(tmp_path: Path, whole: dict[str, object]) -> None:
-    folder = stopped(tmp_path / "run", 2, num_envs=3)
-    assert len(Curve(folder / "curve.csv").rows()) == 1
-    left = Stopping(4, num_envs=3)  # the exploration episodes, and a batch per iteration
-    assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
-
-
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:
     folder = run_training(CONFIG, Stopping(), tmp_path / "run", quiet=True)
     (folder / "policy.npz").unlink()  # like a run that is killed before its end
@@ -173,19 +166,6 @@ def test_a_curve_truncated_at_any_byte_has_its_complete_lines(tmp_path: Path) ->
         assert curve.path.read_bytes() == b"".join(whole.splitlines(keepends=True)[: min(len(rows), 2) + 1])
 
 
-def test_a_damaged_line_of_a_curve_is_named(tmp_path: Path) -> None:
-    curve = Curve(tmp_path / "curve.csv")
-    curve.begin(ROWS)
-    content = curve.path.read_bytes()
-    for old, new, expected in (
-        (b"\r\n3,", b"\r\n\xff,", "17 numbers in line 4"),
-        (b"iteration,", b"it,", "the header"),
-    ):
-        curve.path.write_bytes(content.replace(old, new))
-        with pytest.raises(ValueError, match=rf"curve\.csv: expected {expected}"):
-            curve.rows()
-
-
 def test_a_run_resumes_with_other_versions_and_records_them(
     rkhs: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,23 +227,6 @@ def test_the_command_resumes_a_run(rkhs: Cli, tmp_path: Path, whole: dict[str, o
     assert rkhs("train", "--resume", "run", *INLINE, "--iterations", 5)[0] == 0
     assert load_config(tmp_path / "run" / "config.yaml") == longer(5)
     assert len(Curve(tmp_path / "run" / "curve.csv").rows()) == 5
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "train: expected exactly one of CONFIG, --env ID and --resume DIR, got none"),
-        ((CONFIG_FILE, "--resume", "run"), "--resume DIR, got CONFIG and --resume"),
-        (("--resume", "run", "--seed", "0"), "--resume: expected the settings and the folder of the run"),
-        (("--resume", "none"), "none: expected the folder of a run, got no such folder"),
-    ],
-)
-def test_an_invalid_resume_gives_one_line(
-    rkhs: Cli, tmp_path: Path, arguments: tuple[object, ...], message: str
-) -> None:
-    before = contents(stopped(tmp_path / "run", 5))
-    assert_refused(rkhs("train", *INLINE, *arguments), message)
-    assert contents(tmp_path) == before
 
 
 def test_a_folder_is_locked_during_a_run_only(rkhs: Cli, tmp_path: Path) -> None:

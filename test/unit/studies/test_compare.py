@@ -79,14 +79,6 @@ def test_intervals_are_percentiles_of_bootstrap_means() -> None:
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
 
 
-def test_the_bootstrap_resamples_whole_runs_deterministically() -> None:
-    returns = np.random.default_rng(4).normal(size=(6, 30))
-    band = mean_over_runs(returns)
-    for k in (0, 7, 29):
-        assert (band.low[k], band.high[k]) == pytest.approx(mean_over_runs(returns[:, k])[1:])
-    assert mean_over_runs(returns[:, 3]) == mean_over_runs(returns[:, 3])
-
-
 def test_a_single_run_has_no_interval() -> None:
     single = aggregates(np.array([10.0]), np.array([[3.0]]))
     assert (single["final"].value, single["median"], single["area_under_curve"]) == (3.0, 3.0, 3.0)
@@ -118,17 +110,6 @@ def test_runs_with_different_initial_policies_form_different_curves(tmp_path: Pa
     assert [c.label for c in compare([tmp_path / "default", tmp_path / "given"]).curves] == ["default", "given"]
 
 
-def test_curves_of_one_algorithm_are_named_by_their_folders(tmp_path: Path) -> None:
-    for name, discount_settings in (("small", 0.1), ("great", 0.2)):
-        settings = {"algorithm": ALGORITHMS["rkhs_nac"](ridge=discount_settings)}
-        run_folder(tmp_path / name / "seed_0", [1.0], **settings)
-    assert [c.label for c in compare([tmp_path / "small", tmp_path / "great"]).curves] == ["small", "great"]
-    (tmp_path / "both").mkdir()
-    for name in ("small", "great"):
-        (tmp_path / name / "seed_0").rename(tmp_path / "both" / name)
-    assert [c.label for c in compare([tmp_path / "both"]).curves] == ["great", "small"]
-
-
 def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     folders = [
         run_folder(tmp_path / "long", [1.0, 2.0, 3.0, 9.0], per_iteration=10),
@@ -141,16 +122,6 @@ def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     assert areas.startswith("The areas under the curves are not comparable")
     assert note == f"Compared up to 25 exploration episodes, the end of the shortest run: {tmp_path / 'slow'}."
     assert note in str(comparison)
-
-
-def test_curves_contain_the_iterations_that_all_runs_evaluated(tmp_path: Path) -> None:
-    nan = float("nan")
-    run_folder(tmp_path / "r" / "a", [nan, 2.0, nan, 4.0], seed=0)
-    run_folder(tmp_path / "r" / "b", [1.0, 3.0, nan, 5.0], seed=1)
-    comparison = compare([tmp_path / "r"])
-    np.testing.assert_array_equal(comparison.curves[0].episodes, [20.0, 40.0])
-    np.testing.assert_array_equal(comparison.curves[0].returns, [[2.0, 4.0], [3.0, 5.0]])
-    assert comparison.notes == ()
 
 
 def test_without_evaluations_curves_show_exploration_returns_with_a_note(tmp_path: Path) -> None:
