@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import rkhs_ros
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from test.ros.conftest import Process, domain, start
 
@@ -80,17 +79,3 @@ def test_sac_makes_bit_identical_transitions_and_learns(remote: Any) -> None:
         np.testing.assert_array_equal(getattr(ours, field)[:EQUAL], getattr(theirs, field)[:EQUAL], err_msg=field)
     assert ours.timeouts[:EQUAL].sum() == EQUAL // 100
     assert reached["over topics"] == reached["direct"] >= GOOD
-
-
-def test_sac_learns_in_the_model_of_a_run() -> None:
-    from stable_baselines3.common.env_checker import check_env
-
-    episodes = 5
-    model = rkhs_ros.train(TASK, iterations=episodes, seed=0, progress=False).model
-    assert model.action_repeat == 1  # `returned` decides in every step
-    check_env(model.as_env())
-    learner = sac(model.as_env())
-    seconds = learnt(learner, LEARNT)
-    reached = returned(learner)
-    print(f"SAC in the model of {episodes} episodes, {LEARNT} steps: {seconds:.0f} s, evaluation return {reached:.1f}")
-    assert reached >= GOOD

@@ -84,10 +84,14 @@ class Robot:
     def arm(self) -> str:
         """Ask until the gate is armed; return the last answer."""
         self.probe.until(lambda: self.commands.get_subscription_count() > 0 and bool(self.states))
-        if self.is_sensed:
-            self.probe.until(lambda: self._joints.get_subscription_count() > 0)
-            self.probe.settle(0.1)
-        return str(self.probe.ask("gate/arm", Trigger.Request()).message)
+        answers: list[str] = []
+
+        def answered() -> bool:
+            answers.append(str(self.probe.ask("gate/arm", Trigger.Request()).message))
+            return not (self.is_sensed and "no messages" in answers[-1])
+
+        self.probe.until(answered)
+        return answers[-1]
 
     def command(self, *values: float, number: int, instance: int = 7) -> GateReport:
         """Send a command and return what was reported of it."""

@@ -162,8 +162,7 @@ def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(begin: B
     faults.publish(String(data="tick"))
     robot.probe.until(lambda: gate.popen.poll() is not None)
     assert time.monotonic() < failed_at + patience
-    robot.probe.settle(0.1)
-    assert robot.sent[-1].message.twist.linear.x == 0.0
+    robot.probe.until(lambda: robot.sent[-1].message.twist.linear.x == 0.0)
     assert gate.finish()[0] != 0
 
 
@@ -216,7 +215,10 @@ def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None
     obstacles.publish(String(data=""))
     robot.probe.until(lambda: robot.arm() == "holding")
     obstacles.publish(String(data="sensor arm: silent"))  # after a stop, not while it holds
-    robot.probe.settle(0.2)
     assert robot.arm() == "holding"
-    robot.probe.ask("gate/stop", Trigger.Request())
-    robot.probe.until(lambda: robot.arm().endswith("sensor arm: silent"))
+
+    def refused() -> bool:
+        robot.probe.ask("gate/stop", Trigger.Request())
+        return robot.arm().endswith("sensor arm: silent")
+
+    robot.probe.until(refused)

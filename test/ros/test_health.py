@@ -1,5 +1,6 @@
 """Status reports of nodes."""
 
+import csv
 import os
 import signal
 import socket
@@ -10,8 +11,9 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from rkhs_interfaces.msg import Action
+from rkhs_interfaces.msg import Action, LearningProgress
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from test.ros.conftest import ROOT, Probe, Process, nodes_of
 
 Start = Callable[..., Process]
@@ -42,8 +44,12 @@ def run(start: Start, tmp_path: Path) -> Process:
     return start("rkhs", "train", PENDULUM, "--quiet", "--iterations", 10_000, "--out", tmp_path / "out")
 
 
-def test_every_node_reports_its_status_and_refusals(run: Process, probe: Probe) -> None:
+def test_every_node_reports_its_status_and_refusals_and_the_learner_its_curve(
+    run: Process, probe: Probe, tmp_path: Path
+) -> None:
     hearing = Hearing(probe)
+    progress: list[LearningProgress] = []
+    probe.create_subscription(LearningProgress, "progress", progress.append, LATCHED_QOS)
     nodes = ("/simulator", "/policy", "/learner")
     probe.until(lambda: set(nodes) <= set(hearing.reports))
     probe.until(lambda: all(float(hearing.value(name, "steps per second")) > 0 for name in nodes))
@@ -58,6 +64,12 @@ def test_every_node_reports_its_status_and_refusals(run: Process, probe: Probe) 
         return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
 
     probe.until(told)
+    probe.until(lambda: progress[-1].iteration > 1)
+    last, rows = progress[-1], list(csv.DictReader((tmp_path / "out" / "curve.csv").open()))
+    assert {name: str(getattr(last, name)) for name in rows[0]} == rows[last.iteration - 1]
+    assert [str(each) for each in last.last_exploration_returns] == [
+        row["exploration_return"] for row in rows[: last.iteration]
+    ]
     assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
 
 

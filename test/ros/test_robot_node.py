@@ -64,14 +64,6 @@ def test_an_episode_has_the_observed_drawn_and_executed_values(begin: Callable[.
     bench.probe.until(lambda: bench.is_at_rest)  # the topics may bring the episode first
 
 
-def test_another_request_discards_the_running_episode(begin: Callable[..., Any], bench: Bench) -> None:
-    begin()
-    first = bench.start(horizon=200)
-    bench.until_moving()
-    assert reason(bench.play(1, policy_version=9)) == ""
-    assert reason(bench.ended(first)) == "another episode was requested"
-
-
 def test_a_policy_node_that_does_not_act_or_cannot_act_ends_the_run(begin: Callable[..., Any], bench: Bench) -> None:
     process = begin(process=True)
     bench.silent = {"policy"}
@@ -203,13 +195,6 @@ def test_a_missing_service_of_the_reset_is_named_and_nothing_moves(begin: Callab
     bench.start()
     assert bench.failed() == "slider: reset.trigger: expected a service /put_back, got none, for 5 s"
     assert not bench.moves
-
-
-def test_an_invalid_section_ends_the_node_with_one_line(start: Start, tmp_path: Path) -> None:
-    sensors = {"position": SECTION["sensors"]["position"] | {"fields": ["date"]}}
-    file = write_section(tmp_path / "robot.yaml", sensors=sensors)
-    code, _, err = start("robot", "--ros-args", "--params-file", file).finish()
-    assert (code, err) == (2, "error: unknown field 'date' of Float64, did you mean 'data'?\n")
 
 
 def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Any], bench: Bench) -> None:
