@@ -212,7 +212,7 @@ def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None
     refusal = "cannot arm while the robot node cannot use its sensors: sensor arm: "
 
     def refused(reason: str) -> bool:
-        if robot.states[-1].state != "disarmed":  # it may have been armed before the message came
+        if robot.states and robot.states[-1].state != "disarmed":  # it may have been armed before the message came
             robot.probe.ask("gate/stop", Trigger.Request())
         return robot.arm() == refusal + reason
 
