@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import Formatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from rkhs_ros.base.files import write_whole
@@ -33,17 +33,13 @@ BAR_IN = 0.9  # width of a colour bar with its numbers and name
 LINE_IN = 0.55  # inches of the line before a legend's entry
 TICKS_PER_INCH, FEWEST_TICKS, MOST_TICKS = (1.3, 1.8), 2, 8  # along the x and the y axis
 TICK_STEPS = (1, 2, 2.5, 5, 10)
-FEWEST_DIGITS, MOST_DIGITS = 6, 15
 
 
-class Plain(Formatter):
-    """A tick formatter without offsets or factors, with just enough digits to distinguish the ticks."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        """Return the text of a tick."""
-        digits = range(FEWEST_DIGITS, MOST_DIGITS)
-        distinct = (d for d in digits if len({f"{place:.{d}g}" for place in self.locs}) == len(set(self.locs)))
-        return f"{x:.{next(distinct, MOST_DIGITS)}g}".replace("-", "\N{MINUS SIGN}")
+def _plain() -> ScalarFormatter:
+    """Return a tick formatter without offsets or factors."""
+    formatter = ScalarFormatter(useOffset=False)
+    formatter.set_scientific(False)
+    return formatter
 
 
 def sheet(width: float, height: float, title: str = "") -> Figure:
@@ -75,7 +71,7 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
     for axis, inches, per_inch in zip((axes.xaxis, axes.yaxis), (width, height), TICKS_PER_INCH, strict=True):
         most = int(min(max(inches * per_inch, FEWEST_TICKS), MOST_TICKS))
         axis.set_major_locator(MaxNLocator(most, steps=TICK_STEPS))
-        axis.set_major_formatter(Plain())
+        axis.set_major_formatter(_plain())
 
 
 def whole_ticks(axes: Axes) -> None:
@@ -86,7 +82,7 @@ def whole_ticks(axes: Axes) -> None:
 
 def colour_bar(axes: Axes, image: ScalarMappable, name: str) -> None:
     """Add a colour bar beside a plot."""
-    bar = axes.figure.colorbar(image, ax=axes, format=Plain())
+    bar = axes.figure.colorbar(image, ax=axes, format=_plain())
     bar.set_label(folded(name, _size(axes)[1]), fontsize=LABEL_SIZE)
 
 

@@ -15,19 +15,13 @@ USUAL_RATE = 20.0  # Hz
 SUBSTEP = 0.005  # s, at most; ten per step at the usual rate
 START_SD = 0.01  # of each state
 USUAL_WIDTH = 3.0  # rad
-CART, SPEED, ANGULAR_SPEED = "cart position (m)", "cart velocity (m/s)", "angular velocity (rad/s)"
-OBSERVATIONS = {
-    "cosine": (CART, SPEED, "cosine of the angle", "sine of the angle", ANGULAR_SPEED),
-    "wrapped": (CART, SPEED, "angle in [-pi, pi) (rad)", ANGULAR_SPEED),
-    "unwrapped": (CART, SPEED, "angle (rad)", ANGULAR_SPEED),
-}
 REACH = 0.5  # m, of the tip of the pole from its joint
 DRAWN_HALF = 1.0  # m, of the drawn rail on each side if the task has no limit
 FLOOR = -0.62  # m
 METRES_PER_NEWTON = 0.05  # of the row of beads that visualises the force
 BEADS = 8
 CART_SIZE = (0.3, 0.16, 0.12)  # m
-HIGHEST = {"cosine": (np.inf, np.inf, 1.0, 1.0, np.inf), "wrapped": (np.inf, np.inf, np.pi, np.inf)}
+HIGHEST = np.array([np.inf, np.inf, 1.0, 1.0, np.inf])
 
 
 class CartPole(DrawnTask):
@@ -51,8 +45,6 @@ class CartPole(DrawnTask):
         rail: greatest distance of the cart from the middle, in metres; an episode terminates beyond it. None for no
             limit.
         reward_width: replaces the 3 rad in the reward; the width along the rail, 1 m, changes in proportion.
-        observation: observe the angle as cosine and sine ("cosine"), within [-pi, pi) ("wrapped"), or with its whole
-            turns ("unwrapped").
         render_mode: "rgb_array" for pictures; None for none.
     """
 
@@ -62,11 +54,17 @@ class CartPole(DrawnTask):
     friction = 0.1  # b, of the cart, N s/m
     gravity = 9.82  # g, m/s^2
 
-    single_observation_space = Box(-np.array(HIGHEST["cosine"]), np.array(HIGHEST["cosine"]), dtype=np.float64)
+    single_observation_space = Box(-HIGHEST, HIGHEST, dtype=np.float64)
     single_action_space = Box(-10.0, 10.0, (1,), np.float64)
     view_direction = (0.0, -1.0, 0.2)
     bounds = (-DRAWN_HALF - REACH, -0.1, -REACH), (DRAWN_HALF + REACH, 0.1, REACH)
-    observation_names = OBSERVATIONS["cosine"]
+    observation_names = (
+        "cart position (m)",
+        "cart velocity (m/s)",
+        "cosine of the angle",
+        "sine of the angle",
+        "angular velocity (rad/s)",
+    )
     action_names = ("force (N)",)
     reference_returns: ClassVar[dict[str, float]] = {"best known (trajectory optimisation)": 38.1}
     return_options: ClassVar[frozenset[str]] = frozenset({"rate", "rail", "reward_width"})
@@ -80,20 +78,14 @@ class CartPole(DrawnTask):
         rate: float = USUAL_RATE,
         rail: float | None = None,
         reward_width: float = USUAL_WIDTH,
-        observation: str = "cosine",
         render_mode: str | None = None,
     ) -> None:
-        if observation not in OBSERVATIONS:
-            raise ValueError(f"observation: expected one of {', '.join(OBSERVATIONS)}, got {observation!r}")
         for name, value in (("rail", rail), ("reward_width", reward_width)):
             if value is not None and not value > 0:
                 raise ValueError(f"{name}: expected a positive number, got {value!r}")
         steps = self.time_limit({"rate": rate})
-        self.rate, self.rail, self.reward_width, self.observation = float(rate), rail, float(reward_width), observation
+        self.rate, self.rail, self.reward_width = float(rate), rail, float(reward_width)
         self.step_seconds = 1.0 / self.rate
-        self.observation_names = OBSERVATIONS[observation]
-        high = np.array(HIGHEST.get(observation, (np.inf,) * 4))
-        self.single_observation_space = Box(-high, high, dtype=np.float64)
         half = (rail or DRAWN_HALF) + REACH
         self.bounds = (-half, -0.1, -REACH), (half, 0.1, REACH)  # without a rail, the cart may leave it
         super().__init__(num_envs, min(steps, max_episode_steps or steps), render_mode)
@@ -138,7 +130,7 @@ class CartPole(DrawnTask):
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
         scale = USUAL_WIDTH / self.reward_width
-        exponent = (scale * from_upright(states) / USUAL_WIDTH) ** 2 + (scale * states[:, 0]) ** 2
+        exponent = (scale * (np.pi - np.abs(wrapped(states[:, 2]))) / USUAL_WIDTH) ** 2 + (scale * states[:, 0]) ** 2
         return USUAL_RATE / self.rate * np.exp(-exponent)
 
     def terminations(self, states: Array) -> Flags:  # noqa: D102
@@ -146,16 +138,7 @@ class CartPole(DrawnTask):
 
     def observe(self, states: Array, noise: Array) -> Array:  # noqa: D102
         x, v, angle, w = np.ascontiguousarray(states.T)
-        if self.observation == "cosine":
-            return np.stack([x, v, np.cos(angle), np.sin(angle), w], axis=1)
-        return np.stack([x, v, wrapped(angle) if self.observation == "wrapped" else angle, w], axis=1)
-
-    def states_of(self, observations: Array) -> Array:
-        """Return the states of observations of shape (k, d); "cosine" and "wrapped" do not tell whole turns."""
-        if self.observation != "cosine":
-            return observations.copy()
-        x, v, cosine, sine, w = observations.T
-        return np.stack([x, v, np.arctan2(sine, cosine), w], axis=1)
+        return np.stack([x, v, np.cos(angle), np.sin(angle), w], axis=1)
 
     def bodies(self) -> list[Body]:
         """Return the rail, the floor, the cart, the pole and its tip, the target, and the force as a row of beads."""
@@ -172,8 +155,7 @@ class CartPole(DrawnTask):
 
     def poses(self, observations: Array, actions: Array) -> tuple[Array, Array]:
         """Return the poses of the bodies; the row of a force of 10 N is half a metre long."""
-        states = self.states_of(observations)
-        x, angle = states[:, :1], states[:, 2:3]
+        x, angle = observations[:, :1], np.arctan2(observations[:, 3:4], observations[:, 2:3])
         across, up, zero = REACH * np.sin(angle), -REACH * np.cos(angle), 0 * x
         row = x + METRES_PER_NEWTON * np.linspace(0.0, 1.0, BEADS) * actions[:, :1]
         along = np.concatenate([zero, zero, x, x + across / 2, x + across, zero, row], axis=1)
@@ -182,8 +164,3 @@ class CartPole(DrawnTask):
         turns = np.zeros_like(along)
         turns[:, 3:4] = np.pi - angle  # the z axis points from the joint to the tip
         return in_plane(along, depth, heights, turns)
-
-
-def from_upright(states: Array) -> Array:
-    """Return the angles of the pole from upright, within [0, pi]."""
-    return np.pi - np.abs(wrapped(states[:, 2]))

@@ -25,7 +25,7 @@ from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
 from sim_nodes.robots.drives import JointCommand
 from sim_nodes.robots.motor_pendulum import MotorPendulumRobot
-from sim_nodes.robots.robot import SECOND_PUBLISHER, Hardware, JointReadings, Robot
+from sim_nodes.robots.robot import SECOND_PUBLISHER, Hardware, Robot
 
 SENSOR_QOS = QoSProfile(depth=10)  # like the controllers of ros2_control
 LEFT_TIMEOUT_S = 4.0  # for the senders of commands to exit, before the node exits
@@ -44,13 +44,9 @@ class RobotTopics:
 
     def publish(self, readings: Any, stamp: Stamp) -> None:
         """Publish the readings of the sensors, with their time stamp."""
-        self._publish_joints(readings, stamp)
-
-    def _publish_joints(self, readings: JointReadings, stamp: Stamp) -> None:
-        names, *values = readings
-        position, velocity, effort = (list(each) for each in values)
+        name, position, velocity, effort = map(list, readings)
         header = Header(stamp=stamp)
-        self._states.publish(JointState(header=header, name=names, position=position, velocity=velocity, effort=effort))
+        self._states.publish(JointState(header=header, name=name, position=position, velocity=velocity, effort=effort))
 
 
 class ArmTopics(RobotTopics):
@@ -70,7 +66,7 @@ class ArmTopics(RobotTopics):
 
     def publish(self, readings: ArmReadings, stamp: Stamp) -> None:
         """Publish the readings of the sensors, with their time stamp."""
-        self._publish_joints(readings.joints, stamp)
+        super().publish(readings.joints, stamp)
         header = Header(stamp=stamp, frame_id="panda_link0")
         tool, mark = (Point(**dict(zip("xyz", place, strict=True))) for place in (readings.tool[0], readings.mark))
         turn = Quaternion(**dict(zip("xyzw", readings.tool[1], strict=True)))

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from rkhs_ros.app.inline import untuned_config
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.rollouts.simulation import Simulation
-from sim_nodes.envs.cart_pole import OBSERVATIONS, CartPole, from_upright
+from sim_nodes.envs.cart_pole import CartPole
 
 ID = "rkhs/CartPoleSwingUp-v0"
 
@@ -82,24 +82,6 @@ def test_rewards_by_hand() -> None:
     narrow = [1.0, np.exp(-((np.pi / 0.6) ** 2) - 6.25), np.exp(-0.25)]
     np.testing.assert_allclose(CartPole(3, reward_width=0.6).reward(states, states), narrow, rtol=1e-12)
     np.testing.assert_allclose(CartPole(3, rate=50).reward(states, states), np.multiply(0.4, expected), rtol=1e-12)
-
-
-def test_the_observations_describe_the_same_trajectory(rng: np.random.Generator) -> None:
-    forces = rng.uniform(-10, 10, 60)
-    forces[:20] = 10 * np.sign(np.sin(7 * np.arange(20) / 20))  # enough for whole turns
-    seen = {name: episode(CartPole(observation=name), forces)[0] for name in OBSERVATIONS}
-    x, v, angle, w = seen["unwrapped"].T
-    assert np.abs(angle).max() > np.pi
-    np.testing.assert_allclose(seen["cosine"], np.stack([x, v, np.cos(angle), np.sin(angle), w], axis=1), atol=1e-12)
-    inside = (angle + np.pi) % (2 * np.pi) - np.pi
-    np.testing.assert_allclose(seen["wrapped"], np.stack([x, v, inside, w], axis=1), atol=1e-12)
-    for name, observations in seen.items():
-        task = CartPole(observation=name)
-        assert all(row in task.single_observation_space for row in observations)
-        assert task.single_observation_space.shape == (len(task.observation_names),)
-        np.testing.assert_allclose(
-            from_upright(task.states_of(observations)), from_upright(seen["unwrapped"]), atol=1e-7
-        )
 
 
 @pytest.mark.parametrize(("rate", "steps"), [(20, 60), (7.5, 22), (1, 3)])
