@@ -54,7 +54,6 @@ class IterationPanel:
         self.episode: Episodes | None = None
         self._motion: BodyTrajectories | None = None
         self._at = -1  # the current frame
-        self._warning = ""
 
     def is_showing(self, iteration: int) -> bool:
         """Return whether the page shows this iteration with the current settings of the controls."""
@@ -67,15 +66,16 @@ class IterationPanel:
         iteration, newest = max(iterations.items())
         self._list(newest)
         kind, _, number = self._which.value.rpartition(" ")
-        self._warning, row = "", int(number) - 1 if kind else 0
-        episodes = self._model_rollouts(newest) if kind == MODEL else _of_kind(newest, kind)
-        if episodes is None:
+        row, episodes = int(number) - 1 if kind else 0, newest.exploration
+        if kind == MODEL and newest.roll_out_model is not None:
+            episodes = newest.roll_out_model()
+        elif kind == EVALUATION and newest.evaluation is not None:
+            episodes = newest.evaluation
+        elif kind != EXPLORATION:
             kind, row = EXPLORATION, 0
-            episodes = _of_kind(newest, kind)
-        if episodes is not None:
-            self.episode = episodes.take(slice(row, row + 1))
-            self._set_motion(newest, self.episode)
-            self._draw_policy(iterations, iteration, kind)
+        self.episode = episodes.take(slice(row, row + 1))
+        self._set_motion(newest, self.episode)
+        self._draw_policy(iterations, iteration, kind)
         self._shown = self._chosen(iteration)
 
     def move(self) -> None:
@@ -106,19 +106,11 @@ class IterationPanel:
         return iteration, self._which.value, *(each.value for each in self._choices)
 
     def _list(self, view: IterationView) -> None:
-        counts = {kind: len(_of_kind(view, kind) or ()) for kind in (EVALUATION, EXPLORATION)}
+        counts = {EVALUATION: len(view.evaluation or ()), EXPLORATION: len(view.exploration)}
         counts[MODEL] = MODEL_ROLLOUTS if view.roll_out_model is not None else 0
         listed = [f"{kind} {i + 1}" for kind, count in counts.items() for i in range(min(count, MAX_LISTED))]
         if listed and listed != list(self._which.options):
             self._which.options = listed
-
-    def _model_rollouts(self, view: IterationView) -> Episodes | None:
-        """Return episodes of the model; None if there is no model or it fails, which sets the warning."""
-        try:
-            return None if view.roll_out_model is None else view.roll_out_model()
-        except Exception as error:  # from a user's function
-            self._warning = f"The model rollout failed ({error_message(error)}); showing an exploration episode. "
-            return None
 
     def _offer_choices(self, axes: PolicyAxes, episode: Episodes) -> None:
         """Add the controls for the plot's axes in a closed folder; the most informative axes are preselected."""
@@ -161,7 +153,8 @@ class IterationPanel:
     def _draw_policy(self, iterations: Mapping[int, IterationView], iteration: int, kind: str) -> None:
         """Draw the policy with the latest episodes, the selected one last."""
         one_step = self._source.task.horizon == 1
-        recent = [_of_kind(each, EXPLORATION if one_step else kind) for number, each in sorted(iterations.items())]
+        evaluated = kind == EVALUATION and not one_step
+        recent = [each.evaluation if evaluated else each.exploration for _, each in sorted(iterations.items())]
         before = [each for each in (recent if one_step else recent[:-1]) if each]
         rows = [each.take(slice(i, i + 1)) for each in before for i in range(len(each) if one_step else 1)]
         if self._stage is None or self.episode is None:
@@ -198,8 +191,4 @@ class IterationPanel:
         numbers += [*zip(self._names.actions, done, strict=True)]
         shown = [*numbers[:MAX_NUMBERS], ("reward", episode.rewards[0, step])]
         parts = [f"{name} **{value:.3g}**" for name, value in shown]
-        return f"{self._warning}Step {step + 1} of {steps}: {', '.join(parts)}"
-
-
-def _of_kind(view: IterationView, kind: str) -> Episodes | None:
-    return view.evaluation if kind == EVALUATION else view.exploration
+        return f"Step {step + 1} of {steps}: {', '.join(parts)}"

@@ -37,14 +37,13 @@ OpenReports = Callable[[], Any]  # starts to listen; returns `rkhs_ros.nodes.wat
 class NodesPanel:
     """The state of a run's nodes and of its robot's gate.
 
-    Owns these texts, which are visible while reports arrive, and the reports while a browser shows the page.
+    Owns this text, which is visible while reports arrive, and the reports while a browser shows the page.
     """
 
     def __init__(self, gui: GuiApi, open_reports: OpenReports) -> None:
         self._open = open_reports
         self._reports: Any = None
-        self._nodes = gui.add_markdown("", visible=False)
-        self._gate = gui.add_markdown("", visible=False)
+        self._text = gui.add_markdown("", visible=False)
 
     def refresh(self, *, running: bool) -> None:
         """Show the latest reports; listen only while the run is in progress."""
@@ -54,40 +53,37 @@ class NodesPanel:
         if self._reports is None:
             self._reports = self._open()
         if self._reports is not None:
-            self._show(node_text(self._reports.nodes()), gate_text(self._reports.gate() or {}))
+            self._show(node_text(self._reports.nodes()) + gate_text(self._reports.gate() or {}))
 
     def stop_listening(self) -> None:
-        """Stop listening and hide the texts."""
+        """Stop listening and hide the text."""
         if self._reports is not None:
             self._reports.close()
         self._reports = None
-        self._show("", "")
+        self._show([])
 
-    def _show(self, nodes: str, gate: str) -> None:
-        for control, text in ((self._nodes, nodes), (self._gate, gate)):
-            control.visible = bool(text)
-            if control.content != text:
-                control.content = text
+    def _show(self, paragraphs: list[str]) -> None:
+        self._text.visible = bool(paragraphs)
+        self._text.content = "\n\n".join(paragraphs)
 
 
-def gate_text(gate: Mapping[str, Any]) -> str:
-    """Return the state of the gate as Markdown."""
+def gate_text(gate: Mapping[str, Any]) -> list[str]:
+    """Return the state of the gate as paragraphs of Markdown."""
     if not gate:
-        return ""
+        return []
     state, reason = str(gate["state"]), plain(gate["reason"])
     counts = f"{gate['commands']} commands: {gate['clamps']} limited, {gate['refusals']} refused; {gate['stops']} stops"
-    hint = f"\n\n{ARM_HINT}" if state in STANDING else ""
-    return f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason) + f"{hint}\n\n{counts}"
+    return [f"The gate is **{plain(state)}**" + f": {reason}" * bool(reason), *[ARM_HINT] * (state in STANDING), counts]
 
 
-def node_text(nodes: Sequence[NodeReport]) -> str:
-    """Return the state of the nodes as Markdown: one line per node with a problem, worst first, then the others."""
+def node_text(nodes: Sequence[NodeReport]) -> list[str]:
+    """Return the state of the nodes as paragraphs: one per node with a problem, worst first, then the others."""
     ranked = sorted(nodes, key=lambda node: WORST_FIRST.index(node[1]))
     faulty = [f"**{plain(name)} {level}** {plain(message)}" for name, level, message in ranked if level != "ok"]
     ok = [plain(name.strip("/")) for name, level, _ in ranked if level == "ok"]
     lines = faulty[:MAX_NODES]
     ok = ok[: MAX_NODES - len(lines)]
-    return "\n\n".join([*lines, *([f"Nodes without problems: {', '.join(ok)}"] if ok else [])])
+    return [*lines, *([f"Nodes without problems: {', '.join(ok)}"] if ok else [])]
 
 
 def plain(text: str) -> str:

@@ -187,11 +187,6 @@ class DrawnTask(VectorTask):
     """A task that shows its states and actions as bodies.
 
     Its pictures, with the render mode "rgb_array", show the current state and the action that led to it.
-
-    Args:
-        num_envs: number of environments.
-        max_episode_steps: steps after which an episode is truncated; None for never.
-        render_mode: "rgb_array" for pictures; None for none.
     """
 
     metadata = {**VectorTask.metadata, "render_modes": ["rgb_array"]}
@@ -251,9 +246,7 @@ class DrawnTask(VectorTask):
 class SingleTask(gymnasium.Env[Array, Array]):
     """A vector task of one environment as a single Gymnasium environment.
 
-    Args:
-        task: a vector task of one environment. Gymnasium's time limit truncates it, unless its options change the
-            number of steps.
+    Gymnasium's time limit truncates it, unless its options change the number of steps.
     """
 
     def __init__(self, task: VectorTask) -> None:

@@ -13,7 +13,6 @@ import pytest
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import locked
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.pictures.known import names_of, scene_of
 from rkhs_ros.pictures.run_pictures import curve_figure
@@ -125,14 +124,6 @@ def test_model_rollouts_can_be_selected(model_update: Path) -> None:
         showing.show(iterations)
         assert showing.is_showing(2)
         assert np.array_equal(showing.episode.observations[0], source.load(2).roll_out_model().observations[0])
-
-        def fails() -> Episodes:
-            raise ValueError("no such function")
-
-        showing.show({number: each._replace(roll_out_model=fails) for number, each in iterations.items()})
-        assert np.array_equal(showing.episode.observations, iterations[2].exploration.observations[:1])
-        showing.move()
-        assert "The model rollout failed (no such function)" in showing.text.content
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
