@@ -63,7 +63,7 @@ def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spa
     """Return the figure of a policy; for one-step tasks, the figure of the attempts."""
     recording = read_recording(folder)
     with faults_named(folder / FILE):
-        episodes = _checked(recording.last_episodes(), policy)
+        episodes = recording.last_episodes()
     widths = episodes.observations.shape[2], episodes.actions.shape[2]
     names, spaces = names_of(task, *widths, spaces), spaces or Spaces.unbounded(*widths)
     if task.horizon == 1:
@@ -71,16 +71,6 @@ def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spa
         attempted = Episodes.concatenate(attempts)
         return attempts_figure(attempted, episodes, spaces, names, task.environment, success_reward(task))
     return policy_figure(policy, spaces, names, episodes, task.environment)
-
-
-def _checked(episodes: Episodes, policy: GaussianPolicy) -> Episodes:
-    """Return episodes that a policy can have run, with a step to draw."""
-    require(bool(episodes.mask[:1].any()), "recording", "an episode with at least one step", "none")
-    widths = (episodes.observations.shape[2], episodes.actions.shape[2])
-    expected = (policy.mean.input_dim, policy.mean.output_dim)
-    got = (policy.inputs.dimension(*widths), widths[1])
-    require(got == expected, "recording", f"episodes of a policy from {expected[0]} to {expected[1]} dimensions", got)
-    return episodes
 
 
 def curve_figure(

@@ -173,7 +173,7 @@ class MessageReader:
                     begin, self._position = self._position, file.tell()
                     try:
                         found.messages.extend(self._messages(record))
-                    except Exception as error:  # a damaged record raises almost anything
+                    except Exception as error:
                         what = " ".join(f"{type(error).__name__}: {error}".split())
                         found.faults.append(f"{self._position - begin} bytes at {begin} skipped: damaged ({what})")
         missing = self._number - before - len(found.messages)
@@ -185,11 +185,7 @@ class MessageReader:
         return found
 
     def _messages(self, record: McapRecord) -> list[Stored]:
-        """Return the messages in a record; most records contain none.
-
-        Raises:
-            Exception: the record is damaged.
-        """
+        """Return the messages in a record; most records contain none. A damaged record raises almost anything."""
         if isinstance(record, Header):
             self._numbered = record.library.startswith(LIBRARY)
         self._ended = self._ended or isinstance(record, DataEnd)
@@ -197,20 +193,19 @@ class MessageReader:
             parts = breakup_chunk(record, validate_crc=True)
         else:
             parts = [] if self._ended else [record]  # the index at the end repeats definitions, without a checksum
-        return [message for part in parts for message in self._taken(part)]
-
-    def _taken(self, record: McapRecord) -> list[Stored]:
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self._channels[record.id] = record
-        elif isinstance(record, Message):
-            channel = self._channels[record.channel_id]
-            schema = self._schemas[channel.schema_id]
-            self._number = record.sequence
-            times = record.log_time, record.publish_time
-            return [Stored(channel.topic, schema.name, schema.data.decode(), record.data, *times)]
-        return []
+        found = []
+        for part in parts:
+            if isinstance(part, Schema):
+                self._schemas[part.id] = part
+            elif isinstance(part, Channel):
+                self._channels[part.id] = part
+            elif isinstance(part, Message):
+                channel = self._channels[part.channel_id]
+                schema = self._schemas[channel.schema_id]
+                self._number = part.sequence
+                kind, times = (schema.name, schema.data.decode()), (part.log_time, part.publish_time)
+                found.append(Stored(channel.topic, *kind, part.data, *times))
+        return found
 
 
 def read_messages(path: Path) -> Found:

@@ -23,11 +23,21 @@ ZEROS: dict[str, Any] = {"string": "", "bool": False}  # the other types are num
 @cache
 def store() -> Typestore:
     """Return our message types."""
+    return _store_with(*((path.read_text(), PACKAGE + path.stem) for path in sorted(FOLDER.glob("*.msg"))))
+
+
+@cache
+def _store_of(kind: str, text: str) -> Typestore:
+    """Return the types of a definition in a recording."""
+    return store() if text == definition(kind) else _store_with((text, kind))
+
+
+def _store_with(*definitions: tuple[str, str]) -> Typestore:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # here, since the import takes 0.1 s
 
     types = get_typestore(Stores.EMPTY)
-    for path in sorted(FOLDER.glob("*.msg")):
-        types.register(get_types_from_msg(path.read_text(), PACKAGE + path.stem))
+    for text, kind in definitions:
+        types.register(get_types_from_msg(text, kind))
     return types
 
 
@@ -49,25 +59,13 @@ def definition(kind: str) -> str:
     return store().generate_msgdef(kind, ros_version=2)[0]
 
 
-@cache
-def _store_of(kind: str, text: str) -> Typestore:
-    """Return the types of a definition in a recording."""
-    if kind in store().types and text in ("", definition(kind)):
-        return store()
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    types = get_typestore(Stores.EMPTY)
-    types.register(get_types_from_msg(text, kind))
-    return types
-
-
 def decoded(content: bytes | memoryview, kind: str, text: str) -> Any:
     """Deserialise a message.
 
     Args:
         content: serialised message.
         kind: name of the type, such as ``rkhs_interfaces/msg/Policy``.
-        text: definition in the recording; if empty, our definition is used.
+        text: definition in the recording.
 
     Raises:
         rosbags.serde.SerdeError: the content is not a message of this type.
@@ -77,10 +75,8 @@ def decoded(content: bytes | memoryview, kind: str, text: str) -> Any:
 
 def _made(kind: str, **given: Any) -> Any:
     makers = _makers(kind)
-    unknown = given.keys() - makers
-    if unknown:
-        raise ValueError(f"{kind}: expected fields of this type, got {', '.join(sorted(unknown))}")
-    return store().types[kind](**{name: make(given.get(name)) for name, make in makers.items()})
+    zeros = {name: make(None) for name, make in makers.items() if name not in given}
+    return store().types[kind](**zeros, **{name: makers[name](value) for name, value in given.items()})
 
 
 @cache

@@ -50,8 +50,8 @@ def test_a_policy_survives_serialisation_bit_identically(
     random_policy: Callable[..., GaussianPolicy], arrays_of: Callable[[Any], dict[str, np.ndarray]], *, learnt: bool
 ) -> None:
     policy = random_policy(learnt=learnt)
-    message = encoded(policy_message(Types(), policy, 7))
-    back = policy_of(decoded(message, "rkhs_interfaces/msg/Policy", ""))
+    message, kind = encoded(policy_message(Types(), policy, 7)), "rkhs_interfaces/msg/Policy"
+    back = policy_of(decoded(message, kind, definition(kind)))
     before, after = arrays_of(policy), arrays_of(back)
     assert before.keys() == after.keys()
     assert all(np.array_equal(before[name], after[name]) for name in before)
