@@ -113,12 +113,10 @@ class PR2Door(VectorTask):
         return np.asarray(states / POSE_SD)
 
     def step(self, actions: Array) -> tuple[Array, Any, Any, Any, dict[str, Any]]:
-        """Execute an action in every environment; the step after that resets them. Non-finite actions are refused.
+        """Execute an action in every environment; the step after that resets them.
 
         The info has ``success``, ``door_angle`` (rad) and ``tracking_error`` (:math:`R_1`) of each environment.
         """
-        if not np.all(np.isfinite(actions)):
-            raise ValueError(f"action: expected finite numbers, got {np.asarray(actions).tolist()}")
         self._is_drawn = False
         observations, rewards, _, over, _ = super().step(actions)
         return observations, rewards, over, np.zeros_like(over), self._info() if over.all() else {}

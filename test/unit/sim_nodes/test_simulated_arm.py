@@ -93,17 +93,6 @@ def test_an_excessive_velocity_stops_the_arm_once(kind: str) -> None:
     assert not stopped.velocity.any()
 
 
-@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=40))
-def test_commands_within_the_step_limits_are_accepted(parts: list[float]) -> None:
-    """A stream at 50 Hz of bounded velocity and acceleration, as a gate makes it."""
-    drives, target, speed = STILL, 0.0, 0.0
-    for part in parts:
-        speed = min(max(part, speed - 0.04), speed + 0.04)  # rad/s; 2 rad/s²
-        target = min(max(target + 0.02 * speed, -1.0), 1.0)
-        drives = moved(drives.heard(at(target, 0.0)), 0.02)
-    assert drives.protection.counts == NONE
-
-
 @pytest.fixture
 def arm() -> ArmRobot:
     pytest.importorskip("pybullet")

@@ -40,13 +40,3 @@ def test_a_run_is_exported_as_a_page_that_needs_no_other_file(
     assert unescape(scene).lstrip().lower().startswith("<!doctype html>")
     outside = [link for link in re.findall(r'(?:src|href)="([^"]*)"', page) if not link.startswith("data:")]
     assert outside == []
-
-
-def test_a_run_without_a_recording_is_rejected(rkhs: Callable[..., Any], folder: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "run"
-    bare.mkdir()
-    (bare / "config.yaml").write_bytes((folder / "config.yaml").read_bytes())
-    result = rkhs("export", bare, tmp_path / "run.html")
-    assert result.code == 2
-    assert "no recording.mcap in this folder" in result.err
-    assert not (tmp_path / "run.html").exists()
