@@ -41,12 +41,7 @@ except ImportError as _error:
 
 
 def connected(rate: float, **parameters: Any) -> BulletClient:
-    """Return a new simulator without a window, with repeatable contacts.
-
-    Args:
-        rate: steps per second.
-        parameters: further parameters of the physics engine.
-    """
+    """Return a new simulator without a window, with repeatable contacts and a rate in steps per second."""
     with silence(1):
         client = BulletClient(pybullet.DIRECT)
     client.setPhysicsEngineParameter(fixedTimeStep=1.0 / rate, deterministicOverlappingPairs=1, **parameters)

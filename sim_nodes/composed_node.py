@@ -7,11 +7,7 @@ from sim_nodes.simulator_node import SimulatorNode
 
 
 def serve_with_policy(simulator: SimulatorNode, stop: Stop) -> None:
-    """Serve a simulator and a policy node in one process until `stop` is set.
-
-    Raises:
-        ValueError: a parameter of the policy node is unknown or invalid.
-    """
+    """Serve a simulator and a policy node in one process until `stop` is set."""
     policy = PolicyNode("policy")
     try:
         open_node(policy)

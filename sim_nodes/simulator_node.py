@@ -34,11 +34,7 @@ class SimulatorNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Make the environment and open topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, or an unsupported environment.
-        """
+        """Make the environment and open topics and services."""
         tree = given(self, needs_section=True)
         require_known(tree, "environment")
         environment = environment_from(tree.get("environment", {}))

@@ -1,6 +1,5 @@
 """Look up what a task defines for pictures: reference returns, names of observations and actions, and a 3D scene."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -53,23 +52,21 @@ def _names(task: Task, kind: str, count: int) -> tuple[str, ...]:
 def scene_of(task: Task) -> ShowsBodies | None:
     """Create and return the task if its class defines a 3D scene; otherwise return None without creating the task."""
     with suppress(Exception):  # user code that the page can do without
-        for maker in _makers(task):
-            if all(hasattr(maker, name) for name in SCENE):
-                made = maker(**task.options)
-                return made if isinstance(made, ShowsBodies) else None
+        made = _maker_with(task, *SCENE)(**task.options)
+        return made if isinstance(made, ShowsBodies) else None
     return None
 
 
 def _attribute(task: Task, name: str) -> Any:
     """Return an attribute of the task's entry point; None if it has none, or the task is not installed."""
     with suppress(Exception):  # user code that a picture can do without
-        return next((getattr(maker, name) for maker in _makers(task) if hasattr(maker, name)), None)
+        return getattr(_maker_with(task, name), name)
     return None
 
 
-def _makers(task: Task) -> Iterator[Any]:
-    """Yield the entry points of the environment, the vectorized one first."""
+def _maker_with(task: Task, *names: str) -> Any:
+    """Return the entry point of the environment that has some attributes, the vectorized one first; None without."""
     spec = spec_of(task.environment)
-    for entry in (spec.vector_entry_point, spec.entry_point):
-        if entry is not None:
-            yield load_env_creator(entry) if isinstance(entry, str) else entry
+    entries = (each for each in (spec.vector_entry_point, spec.entry_point) if each is not None)
+    makers = (load_env_creator(each) if isinstance(each, str) else each for each in entries)
+    return next((maker for maker in makers if all(hasattr(maker, name) for name in names)), None)

@@ -43,12 +43,7 @@ NO_OTHERS: Mapping[str, Columns] = {}
 
 
 def draw_run(folder: Path) -> list[Path]:
-    """Draw curve.png and, from the recorded episodes, policy.png in a run's folder; return their paths.
-
-    Raises:
-        ValueError: a file of the run is damaged.
-        OSError: a file is missing, or a picture cannot be written.
-    """
+    """Draw curve.png and, from the recorded episodes, policy.png in a run's folder; return their paths."""
     policy, task, spaces = read_policy(folder / "policy.npz")
     figures = {
         folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task),

@@ -1,11 +1,6 @@
 """A policy as an ONNX graph in float64: raw observation in, clipped mean action out; checked before it is written.
 
-A policy with a history or held actions has a second input, ``state``, and a second output, ``next_state``. A state of
-zeros starts an episode. The caller passes each ``next_state`` as the ``state`` of the next step. A row contains
-
-- the number of steps since the last decision, including the step of the decision; 0 before the first step,
-- the unclipped action of the last decision,
-- the newest ``history - 1`` entries of the window, from the oldest on.
+A policy with memory has another input, ``state``, and output, ``next_state``, whose columns docs/export.md lists.
 """
 
 from dataclasses import replace

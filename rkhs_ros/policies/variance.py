@@ -85,15 +85,11 @@ class KernelVariance:
     def __post_init__(self) -> None:
         """Raise ValueError if shapes do not match or numbers are out of range."""
         require(self.kernel.is_positive, "variance kernel", "one without negative values", self.kernel)
-        for name in ("centres", "values"):
-            shape = np.shape(getattr(self, name))
-            require(len(shape) == 2, f"variance {name}", "a matrix", f"shape {shape}")
         m, n = np.shape(self.values)
         require(m >= 1, "variance centres", "at least one", m)
-        centres = finite_array(self.centres, (m, np.shape(self.centres)[1]), "variance centres")
-        object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "mass", _positive(finite_array(self.mass, (m,), "mass"), "variance mass"))
-        object.__setattr__(self, "values", finite_array(self.values, (m, n), "variance values"))
+        for name, shape in (("centres", (m, np.shape(self.centres)[-1])), ("mass", (m,)), ("values", (m, n))):
+            object.__setattr__(self, name, finite_array(getattr(self, name), shape, f"variance {name}"))
+        _positive(self.mass, "variance mass")
         require(bool((self.values >= 0).all()), "variance values", "numbers >= 0", self.values.min())
         _set_bounds(self, n)
 

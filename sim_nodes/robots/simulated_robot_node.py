@@ -102,11 +102,7 @@ class SimulatedRobotNode(ReportingNode):
     """
 
     def open(self) -> None:
-        """Create the robot and open its topics and services.
-
-        Raises:
-            ValueError: an unknown parameter, or an invalid value.
-        """
+        """Create the robot and open its topics and services."""
         tree = given(self, needs_section=True)
         name = declared(self, tree, "robot", DEFAULT, f"which robot: {', '.join(SETTINGS)}")
         settings = settings_of(name, tree)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations, product
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -16,8 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.paper.experiment import Curve, Experiment, Panel
-from rkhs_ros.paper.reproduce import Returns, Table, experiment_figure
 from rkhs_ros.pictures.film import Film, strip_figure
 from rkhs_ros.pictures.known import names_of, success_reward
 from rkhs_ros.pictures.policy_axes import PolicyAxes, most_informative
@@ -44,7 +41,6 @@ PENDULUM = Task("rkhs/Pendulum-v0", {}, 100, 0.99)
 SIZES = pytest.mark.parametrize("size", [1e-3, 1e6])
 TOUCHING = 0.5  # pixels by which boxes may overlap
 LEAST_PLOT = 80  # pixels
-CONFIG = Path(__file__).parents[3] / "config" / "pendulum_nac.yaml"
 
 
 def texts(figure: Figure) -> dict[str, Bbox]:
@@ -170,26 +166,6 @@ def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
     assert_clear(
         comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False
     )  # the legend adds to its size
-
-
-@SIZES
-@pytest.mark.parametrize(("panels", "runs", "iterations"), [(1, 1, 1), (2, 20, 1000)])
-def test_an_experiment_is_clear(panels: int, runs: int, iterations: int, size: float) -> None:
-    experiment, table = experiment_of(panels, 6, runs, iterations, size)
-    assert_clear(experiment_figure(experiment, table))
-
-
-def experiment_of(panels: int, curves: int, runs: int, iterations: int, size: float) -> tuple[Experiment, Table]:
-    rng, table = np.random.default_rng(0), {}
-    made = []
-    for p in range(panels):
-        title = f"window of 20 and 150 centres; eNAC of 3 and 4096 features, and more beside it {p}"
-        labels = [f"RKHS-NAC with a trajectory critic {k}" for k in range(curves)]
-        made.append(Panel(title, tuple(Curve(label, CONFIG, ()) for label in labels)))
-        for label in labels:
-            earned = size * rng.gamma(0.1, size=(runs, iterations))
-            table[title, label] = Returns(10.0 * np.arange(1, iterations + 1), earned)
-    return Experiment("fig9", "Inverted pendulum, partially observed", runs, "sd", tuple(made)), table
 
 
 @pytest.mark.parametrize(("frames", "shape"), [(1, (30, 40)), (1000, (12, 16))])
