@@ -1,4 +1,4 @@
-"""Read files of bounded size, write files atomically, and lock a run folder for one process at a time."""
+"""Write files atomically, and lock a run folder for one process at a time."""
 
 import fcntl
 import os
@@ -7,22 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
-
-# Largest file that is read into memory: a quarter of the machine's memory, because its unpacked content needs some too.
-MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4
-
-
-def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        ValueError: the file is larger.
-    """
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > most:
-            raise ValueError(f"{path}: expected a file of at most {most} bytes, got {size}")
-        return file.read(size)
 
 
 def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:

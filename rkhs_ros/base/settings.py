@@ -155,33 +155,30 @@ def _checked(f: Field[Any], kind: Any, value: Any, name: str) -> Any:
 
 def _of_type(kind: Any, value: Any, name: str) -> Any:
     text, whole, number = isinstance(value, str), _is_number(value, Integral), _is_number(value, Real)
-    if kind is bool:
-        require(isinstance(value, bool), name, "true or false", repr(value))
-        return value
-    if kind == tuple[str, ...]:
-        return _texts(value, name)
-    row = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1 and len(value) > 0
-    numbers = row and all(_is_number(v, Real) for v in value)
-    require(kind is not int or whole, name, "a whole number", repr(value))
-    require(kind is not float or number, name, "a number", repr(value))
-    require(kind is not str or text, name, "text (quote words that YAML reads as another type)", repr(value))
-    if kind in (int, float, str):
+    simple = {
+        bool: (isinstance(value, bool), "true or false"),
+        int: (whole, "a whole number"),
+        float: (number, "a number"),
+        str: (text, "text (quote words that YAML reads as another type)"),
+    }
+    if kind in simple:
+        is_good, expected = simple[kind]
+        require(is_good, name, expected, repr(value))
         return kind(value)
+    if kind == tuple[str, ...]:
+        texts = (value,) if text else value
+        good = isinstance(texts, list | tuple) and all(isinstance(v, str) for v in texts)
+        require(good, name, "a list of strings", repr(value))
+        return tuple(texts)
     if text and kind != tuple[float, ...]:
         return value
     if kind == str | int:
         require(whole, name, "a whole number or one of the choices", repr(value))
         return int(value)
+    row = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) == 1 and len(value) > 0
+    numbers = row and all(_is_number(v, Real) for v in value)
     require(numbers or number, name, "a list of numbers", repr(value))
     return tuple(map(float, value)) if numbers else (float(value),)
-
-
-def _texts(value: Any, name: str) -> tuple[str, ...]:
-    row = (value,) if isinstance(value, str) else value
-    require(
-        isinstance(row, list | tuple) and all(isinstance(v, str) for v in row), name, "a list of strings", repr(value)
-    )
-    return tuple(row)
 
 
 def _is_number(value: Any, kind: type) -> bool:
@@ -195,17 +192,13 @@ def _named(kind: Any) -> str:
 
 def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
     """Raise ValueError if the value, or an element of a tuple, is out of range or not among the choices."""
-    each = value if isinstance(value, tuple) else (value,)
-    texts = [one for one in each if isinstance(one, str)]
-    if texts:
-        for text in texts:
-            if about["choices"] and text not in about["choices"]:
-                raise ValueError(f"{name}: unknown choice '{text}', {hint(text, dict.fromkeys(about['choices']))}")
-        return
     low = -float("inf") if about["minimum"] is None else about["minimum"]
     high = float("inf") if about["maximum"] is None else about["maximum"]
-    for number in each:
-        require(low <= number <= high and abs(number) != float("inf"), name, f"a number in [{low}, {high}]", number)
+    for one in value if isinstance(value, tuple) else (value,):
+        if not isinstance(one, str):
+            require(low <= one <= high and abs(one) != float("inf"), name, f"a number in [{low}, {high}]", one)
+        elif about["choices"] and one not in about["choices"]:
+            raise ValueError(f"{name}: unknown choice '{one}', {hint(one, dict.fromkeys(about['choices']))}")
 
 
 def entries(settings: Any, path: str = "") -> Iterator[Entry]:
@@ -215,13 +208,8 @@ def entries(settings: Any, path: str = "") -> Iterator[Entry]:
         if "table" in f.metadata:
             table, key = f.metadata["table"], f.metadata["key"]
             name = next(n for n, cls in table.items() if cls is type(value))
-            choice = {
-                "description": f"which {f.name} to use",
-                "minimum": None,
-                "maximum": None,
-                "choices": tuple(table),
-            }
-            yield Entry(f"{path}{f.name}.{key}", name, choice)
+            about = {"description": f"which {f.name} to use", "minimum": None, "maximum": None, "choices": tuple(table)}
+            yield Entry(f"{path}{f.name}.{key}", name, about)
             yield from entries(value, f"{path}{f.name}.")
         elif is_dataclass(value):
             yield from entries(value, f"{path}{f.name}.")

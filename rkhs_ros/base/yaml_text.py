@@ -12,7 +12,6 @@ from typing import Any
 
 import yaml
 
-from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import require, truncated
 
 MOST_BYTES = 100_000  # of a text; PyYAML needs about a second for it
@@ -89,7 +88,7 @@ def read_yaml(path: Path) -> Any:
     Raises:
         ValueError: the file is not YAML, too large, or has aliases; the message names it.
     """
-    content = read_whole(path, MOST_BYTES)
+    content = path.read_bytes()
     try:
         return loaded(content.decode())
     except ValueError as error:

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -84,7 +84,7 @@ def read_policy(path: Path) -> tuple[GaussianPolicy, Task, Spaces | None]:
         FileNotFoundError: the file does not exist.
     """
     try:
-        arrays = unpacked(read_whole(path))
+        arrays = unpacked(path.read_bytes())
         (schema,) = whole_numbers(arrays["schema"].reshape(1), "schema")
         require(schema == SCHEMA, f"{path}", f"a policy of schema {SCHEMA}", f"schema {schema}")
         return policy_of(arrays), Task(**json.loads(str(arrays["task"]))), _spaces(arrays)

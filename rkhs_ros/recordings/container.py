@@ -12,7 +12,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from rkhs_ros import __version__
 from rkhs_ros.base.endings import deferred_signals
-from rkhs_ros.base.files import MOST_BYTES, named, sync_to_disk
+from rkhs_ros.base.files import named, sync_to_disk
 from rkhs_ros.base.validation import require
 
 LIBRARY = "rkhs_ros"  # library field of our files
@@ -157,13 +157,12 @@ class MessageReader:
         """Return the messages since the last call; skip messages with a wrong checksum and an incomplete end.
 
         Raises:
-            ValueError: the file is not an MCAP file, or is too large.
+            ValueError: the file is not an MCAP file.
             OSError: the file cannot be read.
         """
         found, before = Found([], []), self._number
         with self._path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            require(size <= MOST_BYTES, f"{self._path}", f"a recording of at most {MOST_BYTES} bytes", size)
             magic = file.read(len(MCAP0_MAGIC))
             require(magic == MCAP0_MAGIC, f"{self._path}", "an MCAP file", f"one that begins with {magic!r}")
             file.seek(self._position)
@@ -212,7 +211,7 @@ def read_messages(path: Path) -> Found:
     """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
 
     Raises:
-        ValueError: the file is not an MCAP file, or is too large.
+        ValueError: the file is not an MCAP file.
         OSError: the file cannot be read.
     """
     return MessageReader(path).news()

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from rkhs_ros.base.files import read_whole
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import MOST
@@ -36,7 +35,7 @@ def located(name: str) -> Path:
 def read_urdf(file: Path) -> ElementTree.Element:
     """Read a URDF and return its root element; raise ValueError if the file is not a URDF."""
     try:
-        root = ElementTree.fromstring(read_whole(file))
+        root = ElementTree.fromstring(file.read_bytes())
     except (ElementTree.ParseError, ValueError) as error:
         raise ValueError(f"{file}: expected a URDF, got invalid XML: {error}") from error
     require(root.tag == "robot", f"{file}", "a URDF with the root element 'robot'", root.tag)

@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.files import named, read_whole, write_whole
+from rkhs_ros.base.files import named, write_whole
 from rkhs_ros.base.validation import require, require_extra, truncated
 from rkhs_ros.learning.iteration import Row
 
@@ -59,7 +59,7 @@ class Curve:
         """
         if not self.path.exists():
             return []
-        *lines, _ = read_whole(self.path).decode("ascii", errors="replace").split(END)
+        *lines, _ = self.path.read_bytes().decode("ascii", errors="replace").split(END)
         require(
             lines[:1] in ([], [HEADER]), f"{self.path}", f"the header {HEADER[:20]}...", truncated("".join(lines[:1]))
         )

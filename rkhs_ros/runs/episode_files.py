@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import REAL_KINDS, finite_array, require, truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.storage import Arrays, Task, packed, unpacked
@@ -33,7 +33,7 @@ def load_episodes(path: Path) -> tuple[Episodes, Task | None]:
         FileNotFoundError: the file does not exist.
     """
     try:
-        arrays = unpacked(read_whole(path))
+        arrays = unpacked(path.read_bytes())
         task = Task(**json.loads(str(arrays["task"]))) if "task" in arrays else None
         return _episodes(arrays), task
     except FileNotFoundError:

@@ -12,7 +12,7 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import read_whole, write_whole
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.iteration import Iteration, Row, lower_bound
@@ -167,7 +167,7 @@ class Report:
 def advice_in(folder: Path) -> list[str]:
     """Return the lines of advice.txt, none if the file does not exist or cannot be read."""
     try:
-        return read_whole(folder / ADVICE).decode(errors="replace").splitlines()
+        return (folder / ADVICE).read_bytes().decode(errors="replace").splitlines()
     except (OSError, ValueError):
         return []
 
@@ -236,7 +236,7 @@ def summary(folder: Path, config: Config) -> str:
         f"with {last.steps} steps of experience.",
         f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows)}; "
         f"{len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
-        *([f"Final evaluation: {read_whole(final).decode().strip()}."] if final.is_file() else []),
+        *([f"Final evaluation: {final.read_bytes().decode().strip()}."] if final.is_file() else []),
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         next_steps(folder, config),
     ]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from rkhs_ros.app.inline import iterations
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -56,7 +55,7 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     config = load_config(CONFIG, ["iterations=4", "episodes_per_iteration=2"])
     with progress_bar(config.training) as show:
         returns = []
-        for iteration in iterations(config):
+        for iteration in train(config.training, InlineRunner(Simulation("rkhs/Toy-v0"))):
             show(iteration)
             returns.append(iteration.exploration_return)
     out, err = capsys.readouterr()
