@@ -2,10 +2,10 @@
 
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from gymnasium import Env, Space
+from gymnasium import Env
 from gymnasium.spaces import Dict, Tuple
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers import FlattenObservation
@@ -25,20 +25,9 @@ MOST_SEEDS = 2**32  # of environments with an old random generator
 MOST_VECTORS = 8  # cached vector environments; more than a run has kinds of batches
 
 
-class Step(NamedTuple):
-    """Result of a step of a batch of environments.
-
-    Attributes:
-        observations: observations after the step, shape (num_envs, d).
-        rewards: rewards of the step, shape (num_envs,).
-        terminated: True if the task ended the episode, shape (num_envs,).
-        truncated: True if the episode was cut off, shape (num_envs,).
-    """
-
-    observations: Array
-    rewards: Array
-    terminated: Flags
-    truncated: Flags
+# Observations after a step, shape (num_envs, d), and per environment its reward, and whether the task ended the episode
+# (terminated) or it was cut off (truncated).
+Step = tuple[Array, Array, Flags, Flags]
 
 
 class SeparateEnvs:
@@ -103,15 +92,15 @@ class SeparateEnvs:
     def step(self, actions: NDArray[Any], active: Flags) -> Step:
         """Step the active environments with actions of shape ``(num_envs, *shape)``."""
         count = len(self._observations)
-        result = Step(self._observations, np.zeros(count), np.zeros(count, dtype=bool), np.zeros(count, dtype=bool))
+        rewards, terminated, truncated = np.zeros(count), np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         for i in np.flatnonzero(active).tolist():
             self.current = i
             # The ellipsis keeps an action of shape () an array, like in its space.
-            observation, reward, terminated, truncated, _ = self._copies[i].step(actions[i, ...])
+            observation, reward, is_end, is_cut, _ = self._copies[i].step(actions[i, ...])
             self._observations[i] = self._real(observation)
-            result.rewards[i] = np.asarray(reward, dtype=np.float64).item()  # some environments return an array of one
-            result.terminated[i], result.truncated[i] = _flag(terminated, "terminated"), _flag(truncated, "truncated")
-        return result._replace(observations=self._observations.copy())
+            rewards[i] = np.asarray(reward, dtype=np.float64).item()  # some environments return an array of one
+            terminated[i], truncated[i] = _flag(is_end, "terminated"), _flag(is_cut, "truncated")
+        return self._observations.copy(), rewards, terminated, truncated
 
     def close(self) -> None:
         """Close the copies."""
@@ -119,8 +108,7 @@ class SeparateEnvs:
             copy.close()
 
     def _real(self, observation: Any) -> Array:
-        array = _real(observation, self.observation_space.dtype)
-        _check_shape(array.shape, self.observation_space)
+        array = _real(observation, self.observation_space.dtype, self.observation_space.shape or ())
         return array.astype(np.float64).ravel()
 
 
@@ -175,7 +163,7 @@ class VectorEnvBatch:
             observations = self._with_final(observations, terminated | truncated, info)
         used = slice(self._count)
         rewards = np.asarray(rewards).reshape(len(actions))
-        return Step(self._flat(observations), rewards[used], terminated[used], truncated[used])
+        return self._flat(observations), rewards[used], terminated[used], truncated[used]
 
     def _with_final(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
         """Return the observations, with the final observation of each ended episode in every autoreset mode."""
@@ -190,8 +178,7 @@ class VectorEnvBatch:
         return final
 
     def _flat(self, observations: Any) -> Array:
-        array = _real(observations, np.float64)
-        _check_shape(array.shape[1:], self.observation_space)
+        array = _real(observations, np.float64, (len(observations), *(self.observation_space.shape or ())))
         return array.reshape(len(array), -1)[: self._count]
 
     def close(self) -> None:
@@ -228,13 +215,15 @@ def _reset(env: AnyEnv, seed: int) -> Any:
         return env.reset(seed=seed % MOST_SEEDS)[0]
 
 
-def _real(observation: Any, kind: Any) -> NDArray[Any]:
+def _real(observation: Any, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return an observation as real numbers of a type; numbers too large for the type become infinite.
 
     Raises:
-        RunError: the observation does not consist of real numbers.
+        RunError: the observation does not consist of real numbers, or has another shape.
     """
     array = np.asarray(observation)
+    if array.shape != shape:
+        raise RunError(f"expected an observation of shape {shape}, got one of {array.shape}")
     if array.dtype.kind not in REAL_KINDS:
         raise RunError(f"expected an observation of real numbers, got {array.dtype}")
     if array.dtype == kind:
@@ -256,13 +245,6 @@ def _num_envs(env: AnyEnv) -> int:
     most = (env.metadata or {}).get("num_envs", 0)
     require(type(most) is int and most >= 0, "metadata: num_envs", "a whole number, 0 for any number", repr(most))
     return int(most)
-
-
-def _check_shape(shape: tuple[int, ...], space: Space[Any]) -> None:
-    """Raise RunError if an observation has another shape than its space."""
-    expected = space.shape or ()
-    if shape != expected:
-        raise RunError(f"expected an observation of shape {expected}, got one of {shape}")
 
 
 def _flat(env: AnyEnv) -> AnyEnv:

@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Tuple
 from gymnasium.vector import VectorEnv
-from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.user_code import is_interrupt
@@ -97,7 +96,8 @@ class Simulation:
         names = (
             reported_names(getattr(self.shown, f"{kind}_names", ()), prod(box.shape)) for kind, box in sizes.items()
         )
-        self.spaces = Spaces(self.observation_space.shape, *_bounds(actions), *names)
+        low, high = (np.asarray(bound, dtype=actions.dtype) for bound in (actions.low, actions.high))
+        self.spaces = Spaces(self.observation_space.shape, low, high, *names)
         self.step_seconds = _step_seconds(self.shown)
 
     def close(self) -> None:
@@ -160,12 +160,12 @@ class Simulation:
         """
         before = self._frame
         self._step += 1
-        result = self._called(f"step {self._step}", self._envs.step, self.spaces.shaped(actions), before.active)
-        truncated = result.truncated
+        observations, rewards, terminated, truncated = self._called(
+            f"step {self._step}", self._envs.step, self.spaces.shaped(actions), before.active
+        )
         if self._step == self._horizon:
             truncated = np.ones_like(truncated)
-        active = ~(result.terminated | truncated)
-        frame = Frame(result.observations, result.rewards, active, result.terminated, truncated)
+        frame = Frame(observations, rewards, ~(terminated | truncated), terminated, truncated)
         self._frame = frame if before.is_whole else _where_active(before, frame)
         return self._checked(self._frame)
 
@@ -205,10 +205,6 @@ def _where_active(before: Frame, frame: Frame) -> Frame:
         terminated=before.terminated | (active & frame.terminated),
         truncated=before.truncated | (active & frame.truncated),
     )
-
-
-def _bounds(space: Box) -> tuple[NDArray[Any], NDArray[Any]]:
-    return np.asarray(space.low, dtype=space.dtype), np.asarray(space.high, dtype=space.dtype)
 
 
 def _step_seconds(environment: AnyEnv | AnyVectorEnv) -> float:

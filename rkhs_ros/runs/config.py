@@ -96,11 +96,10 @@ class Config:
 
     def check_for_topics(self) -> None:
         """Raise ValueError if a setting, such as an option of the environment, cannot be a ROS parameter."""
-        require_ros_value(self.training.name, "name")
-        require_ros_value(self.environment.id, "environment.id")
-        require_ros_value(self.environment.options, "environment.options")
-        for name, parameters in self.environment.nodes.items():
-            require_ros_value(parameters, name)
+        values = {"name": self.training.name}
+        values |= {f"environment.{name}": getattr(self.environment, name) for name in ("id", "options")}
+        for name, value in {**values, **self.environment.nodes}.items():
+            require_ros_value(value, name)
 
     def parameters(self) -> dict[str, Any]:
         """Return all settings as the tree of a ROS parameter file, which cannot contain empty lists."""

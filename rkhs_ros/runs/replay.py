@@ -13,10 +13,9 @@ from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.policies.storage import policy_arrays
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.recordings.recorder import update_fields
 from rkhs_ros.recordings.recording import Recording
 from rkhs_ros.runs.config import config_of
@@ -70,10 +69,9 @@ class RecordedRunner:
         """Raise DifferenceError unless a recomputed policy is bit-identical to the recorded policy of a version."""
         if version not in self._recording.policies:
             raise ValueError(f"{where}: expected policy {version} in the recording, got none")
-        recorded, again = (
-            policy_message(Types(), each, version) for each in (self._recording.policies[version], policy)
-        )
-        _check_same(f"{where}: policy {version}", recorded, again)
+        again = policy_arrays(policy)
+        for name, array in policy_arrays(self._recording.policies[version]).items():
+            _check_same(f"{where}: policy {version}, {name}", array, again.get(name, ()))
 
 
 def replay(recording: Recording) -> Iterator[Iteration]:
@@ -104,24 +102,13 @@ def replay(recording: Recording) -> Iterator[Iteration]:
 
 
 def _check_same(where: str, recorded: Any, again: Any) -> None:
-    """Raise DifferenceError at the first field of two messages that is not bit-identical."""
-    if isinstance(recorded, list) and len(recorded) == len(again):
-        for number, (one, other) in enumerate(zip(recorded, again, strict=True)):
-            _check_same(f"{where}[{number}]", one, other)
-    elif hasattr(recorded, "__msgtype__"):
-        for name, value in vars(recorded).items():
-            _check_same(f"{where}, {name}", value, getattr(again, name))
-    else:
-        _check_same_numbers(where, np.asarray(recorded), np.asarray(again))
-
-
-def _check_same_numbers(where: str, recorded: np.ndarray, again: np.ndarray) -> None:
-    again = again.astype(recorded.dtype) if recorded.dtype.kind in "fiu" else again
-    if recorded.shape != again.shape:
-        raise DifferenceError(f"{where}: recorded {recorded.size} numbers, recomputed {again.size}")
-    if recorded.tobytes() == again.tobytes():
-        return
+    """Raise DifferenceError at the first number of two arrays that is not bit-identical."""
     one, other = np.atleast_1d(recorded), np.atleast_1d(again)
-    first = next(i for i in range(len(one)) if one[i].tobytes() != other[i].tobytes())
-    place = f"[{first}]" if recorded.shape else ""
-    raise DifferenceError(f"{where}{place}: recorded {truncated(one[first])}, recomputed {truncated(other[first])}")
+    if one.dtype.kind in "fiu":
+        other = other.astype(one.dtype)
+    if one.shape != other.shape:
+        raise DifferenceError(f"{where}: recorded {one.size} numbers, recomputed {other.size}")
+    if one.tobytes() != other.tobytes():
+        first = next(place for place in np.ndindex(one.shape) if one[place].tobytes() != other[place].tobytes())
+        place = list(first) if np.ndim(recorded) else ""
+        raise DifferenceError(f"{where}{place}: recorded {truncated(one[first])}, recomputed {truncated(other[first])}")

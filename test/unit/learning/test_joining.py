@@ -34,7 +34,7 @@ def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatc
     users = {
         "recording": recording.episodes,
         "offline": lambda: all_episodes({"a": recording}),
-        "resume": lambda: RecordingRunner(robot, recorder, recording.by_numbers()).collect(policy, batch),
+        "resume": lambda: RecordingRunner(robot, recorder, file, recording.by_numbers()).collect(policy, batch),
         "replay": lambda: RecordedRunner(recording, robot.spaces).collect(policy, batch),
         "rollout": lambda: robot.runner.collect(policy, batch),
         "view": lambda: recording.exploration(1),
