@@ -22,12 +22,6 @@ def test_markup_and_escapes_are_printed_as_text(text: str) -> None:
     assert len(shown.splitlines()) == 3  # headers, the node, its reason
 
 
-def printed(*parts: object, width: int = 80) -> list[str]:
-    out = StringIO()
-    Console(file=out, width=width).print(*parts, sep="\n")
-    return out.getvalue().splitlines()
-
-
 def test_problems_are_listed_below_the_table() -> None:
     why = "no simulator makes a step, and much more is to be said of this than any column has room for"
     values = dict.fromkeys(COLUMNS, "1000")
@@ -44,8 +38,8 @@ def test_problems_are_listed_below_the_table() -> None:
         )
         for name, (level, message, about) in known.items()
     }
-    rows = printed(table(statuses))
-    assert [line.split()[:3] for line in rows if line.startswith("/")] == [
+    Console(file=(out := StringIO()), width=80).print(table(statuses))
+    assert [line.split()[:3] for line in out.getvalue().splitlines() if line.startswith("/")] == [
         ["/gate", "stopped", "0"],
         ["/robot", "waiting,", "getting"],
         ["/simulated_robot", "ok", "0"],
@@ -63,7 +57,8 @@ def test_the_heading_states_the_progress_of_the_run() -> None:
     progress.exploration_return, progress.seconds_left = 1.5, 12.0
     progress.last_evaluation_returns = [2.0, 2.5, float("nan")]  # the last iteration was not measured
     progress.model_return = float("nan")
-    first, second, *rest = printed(heading(progress))
-    assert first == "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left"
-    assert second == "return 1.5, evaluation 2.5"
-    assert "".join(rest) == f"in {progress.folder}"
+    assert str(heading(progress)).splitlines() == [
+        "mine: iteration 3 of 40, 0 episodes, 0 centres, about 12 s left",
+        "return 1.5, evaluation 2.5",
+        f"in {progress.folder}",
+    ]
