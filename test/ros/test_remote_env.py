@@ -16,7 +16,7 @@ from rkhs_interfaces.msg import Observation
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.nodes.lockstep.remote_env import RemoteEnv
 from sim_nodes.simulator_node import SimulatorNode
-from test.ros.conftest import PATIENCE, Process, kill
+from test.ros.conftest import PATIENCE, Process
 
 Start = Callable[..., Process]
 Make = Callable[..., Any]
@@ -49,15 +49,14 @@ gymnasium.register(UNEVEN, Uneven, max_episode_steps=7)
 
 
 @pytest.fixture
-def simulator(start: Start, run_node: Callable[..., Any]) -> Simulate:
-    """Start a simulator node in this process, or in its own, and wait until it answers."""
+def simulator(run_node: Callable[..., Any]) -> Simulate:
+    """Start a simulator node in this process, and wait until it answers."""
 
-    def begin(task: str, *, process: bool = False, **options: str) -> Any:
+    def begin(task: str, **options: str) -> None:
         given = {"environment.id": task, **{f"environment.options.{name}": value for name, value in options.items()}}
         words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
-        made = start("simulator", "--ros-args", *words) if process else run_node(SimulatorNode, "simulator", *words)
+        run_node(SimulatorNode, "simulator", *words)
         RemoteEnv(timeout=PATIENCE).close()
-        return made
 
     return begin
 
@@ -123,22 +122,6 @@ def test_invalid_input_is_refused_and_the_episode_continues(simulator: Simulate,
     for name, value in {"domain": 400, "timeout": 0, "horizon": -1, "namespace": "no name"}.items():
         with pytest.raises(ValueError, match=f"{name}: expected"):
             make(RemoteEnv, **{name: value})
-
-
-@pytest.mark.nightly
-def test_a_killed_simulator_is_reported_in_time_and_its_successor_used(simulator: Simulate, make: Make) -> None:
-    first = simulator("rkhs/Pendulum-v0", process=True)
-    remote = make(RemoteEnv, timeout=3.0)
-    before, _ = remote.reset(seed=4)
-    remote.step([1.0])
-    kill(first.popen.pid)
-    with pytest.raises(SilentError, match=r"the simulator node did not answer within 3 s"):
-        remote.step([1.0])
-    with pytest.raises(RunError, match="expected a reset first"):
-        remote.step([1.0])
-    simulator("rkhs/Pendulum-v0")
-    np.testing.assert_array_equal(before, remote.reset(seed=4)[0])
-    remote.step([1.0])
 
 
 def play(remote: Any) -> None:

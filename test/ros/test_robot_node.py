@@ -190,13 +190,6 @@ def test_a_failing_reward_is_reported_and_the_robot_holds(begin: Callable[..., A
     bench.probe.until(lambda: bench.is_at_rest)
 
 
-def test_a_missing_service_of_the_reset_is_named_and_nothing_moves(begin: Callable[..., Any], bench: Bench) -> None:
-    begin(reset={"steps": ["trigger"], "trigger": {"service": "put_back"}})
-    bench.start()
-    assert bench.failed() == "slider: reset.trigger: expected a service /put_back, got none, for 5 s"
-    assert not bench.moves
-
-
 def test_a_node_that_shuts_down_makes_the_robot_hold(begin: Callable[..., Any], bench: Bench) -> None:
     process = begin(process=True)
     identity = bench.start(horizon=500)

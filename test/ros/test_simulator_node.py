@@ -91,27 +91,3 @@ def test_actions_that_cannot_be_executed_end_the_batch_with_the_reason(simulator
         probe.until(lambda: len(probe.heard["episodes"]) == count)  # noqa: B023  # awaited in this step
         assert reason.split(" values")[0] in probe.heard["episodes"][-1].failure
     begin(probe)
-
-
-def test_a_silent_policy_node_ends_the_simulator(start: Start, parameters: Callable[..., Path], probe: Probe) -> None:
-    simulator = start("simulator", "--ros-args", "--params-file", parameters("toy_nac"))
-    probe.meet("observation")
-    probe.speak("action")
-    probe.until(lambda: probe.ask("start_episodes", request(timeout=0.5)).success)
-    code, _, err = simulator.finish()
-    assert (code, err) == (75, "error: the policy node did not act within 0.5 s\n")
-
-
-def test_a_refused_request_does_not_affect_the_running_batch(simulator: None, probe: Probe) -> None:
-    begin(probe)
-    for step, (changes, reason) in enumerate(
-        (
-            ({"options": '{"angle": "wrap"}'}, 'got rkhs/Toy-v0 with options {"angle": "wrap"}'),
-            ({"num_envs": 0}, "num_envs: expected 1 to 10000"),
-        )
-    ):
-        response = probe.ask("start_episodes", request(10, **changes))
-        assert not response.success
-        assert reason in response.message
-        probe.say("action", action(step))
-        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step

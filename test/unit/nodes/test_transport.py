@@ -36,8 +36,3 @@ def test_existing_transport_settings_are_preserved(given: dict[str, str]) -> Non
 def test_an_invalid_domain_is_refused(domain: str) -> None:
     with pytest.raises(ValueError, match="ROS_DOMAIN_ID: expected a whole number from 0 to 232, got"):
         by_udp({"ROS_DOMAIN_ID": domain})
-
-
-@pytest.mark.parametrize("domain", ["", "232"])
-def test_a_valid_domain_is_preserved(domain: str) -> None:
-    assert by_udp({"ROS_DOMAIN_ID": domain})["ROS_DOMAIN_ID"] == domain

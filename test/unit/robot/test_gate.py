@@ -346,12 +346,6 @@ def test_a_bad_joint_state_is_refused_and_the_previous_one_becomes_stale(bad: st
     assert world.state.mode == Mode.STOPPED
 
 
-def test_a_missing_effort_matters_only_if_it_is_limited() -> None:
-    nothing = {"effort": np.full(2, np.nan)}
-    assert World(rules_of(POSITION)).sense(**nothing) == ""
-    assert "effort" in World(rules_of(POSITION, sensed={"effort": 5.0})).sense(**nothing)
-
-
 @over_kinds
 def test_a_gate_that_was_late_stops_and_reports_it(kind: str) -> None:
     world = armed_world(kind)

@@ -19,13 +19,6 @@ TREE: dict[str, Any] = {
 }
 
 
-def test_places_of_a_range_are_its_ends_and_its_middle() -> None:
-    tuning = tuning_from(TREE)
-    assert tuning.values(np.array([-1.0, -1.0])) == {"p": 1.0, "limit": -2.0}
-    assert tuning.values(np.array([0.0, 0.0])) == {"p": pytest.approx(10.0), "limit": 1.0}
-    assert tuning.values(np.array([1.0, 1.0])) == {"p": pytest.approx(100.0), "limit": 4.0}
-
-
 @given(place=st.floats(-1.0, 1.0), scale=st.sampled_from(["linear", "log"]), low=st.floats(0.001, 1.0))
 def test_a_place_and_its_value_determine_each_other(place: float, scale: str, low: float) -> None:
     parameter = Parameter(low, 50.0, scale)
