@@ -21,7 +21,7 @@ try:
     from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observations_of
     from rkhs_ros.nodes.core.peers import ClientNode, fresh_number
     from rkhs_ros.nodes.core.transport import LAST_DOMAIN
-    from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SimulatorLink, discard_reason
+    from rkhs_ros.nodes.lockstep.simulator_link import SimulatorLink, discard_reason
 except ImportError as error:
     got = missing_ros() or error
     raise DependencyNotInstalled(f"rkhs/Remote-v0: expected ROS 2 Jazzy and the built interfaces, got {got}") from error
@@ -130,14 +130,11 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         given = int(self.np_random.integers(2**31)) if seed is None else int(seed)
         self._link.connect(self._environment)
-        for _ in range(MAX_DISCARDS):
-            self._begin(given)
-            result = self._awaited()
-            if not result.discard_reason:
-                return self._shaped(result), {}
-        raise RunError(
-            f"the {self._link.name} node could not start an episode {MAX_DISCARDS} times: {result.discard_reason}"
-        )
+        self._begin(given)
+        result = self._awaited()
+        if result.discard_reason:
+            raise RunError(f"the {self._link.name} node could not start an episode: {result.discard_reason}")
+        return self._shaped(result), {}
 
     def step(self, action: ArrayLike) -> tuple[Values, float, bool, bool, Info]:
         """Make one step.

@@ -25,7 +25,6 @@ from rkhs_ros.recordings.messages import episodes_of, executions_of
 from rkhs_ros.runs.config import MOST_ENVS, Environment
 
 SIMULATOR, ROBOT = "simulator", "robot"
-MAX_DISCARDS = 10  # of one episode of a robot in a row, after which the run ends
 HEARTBEATS = 4  # per learner timeout of a robot
 
 

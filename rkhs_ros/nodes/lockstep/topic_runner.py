@@ -9,12 +9,13 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.learning.episodes import Episodes, Record, discard, record_kinds
 from rkhs_ros.nodes.core.peers import Peers, fresh_number
 from rkhs_ros.nodes.core.spin import ReportingNode
-from rkhs_ros.nodes.lockstep.simulator_link import MAX_DISCARDS, SIMULATOR, FinishedBatch, SimulatorLink, discard_reason
+from rkhs_ros.nodes.lockstep.simulator_link import SIMULATOR, FinishedBatch, SimulatorLink, discard_reason
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.runs.config import Environment
 
+MAX_DISCARDS = 10  # of one episode of a robot in a row, after which the run ends
 CHECK_S = 1.0  # without episodes before the simulator is asked whether it still answers
 POLICY = "policy"
 

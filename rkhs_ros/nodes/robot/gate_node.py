@@ -27,6 +27,7 @@ from rkhs_ros.nodes.robot.gate_messages import (
     sensed_of,
 )
 from rkhs_ros.robot import gate
+from rkhs_ros.robot.feedback import stale
 from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.gate_state import Command as GateCommand
@@ -175,15 +176,10 @@ class GateNode(ReportingNode):
     def _hear_obstacle(self, message: String) -> None:
         self._obstacle = truncated(message.data)
 
-    @property
-    def _is_sensing(self) -> bool:
-        """Whether the joints are sensed, or need not be."""
-        news = self._state.sensed
-        return not self._source or (news is not None and time.monotonic() - news.stamp <= self._settings.stale_after)
-
     def _joints_line(self) -> str:
         """Return the state of the source of joint states in one line."""
-        return self._source.line("" if self._is_sensing else self._flaw) if self._source else "not needed"
+        is_stale = stale(self._state, self._rules, time.monotonic())
+        return self._source.line(self._flaw if is_stale else "") if self._source else "not needed"
 
     def _check_stops(self) -> None:
         reason = self._stops.reason()
@@ -210,7 +206,7 @@ class GateNode(ReportingNode):
         state, reason = gate.armed(self._state, self._rules, time.monotonic())
         if reason:
             self._turn(state)
-        if reason and (not self._is_sensing or state.contradiction):
+        if reason and (stale(state, self._rules, time.monotonic()) or state.contradiction):
             reason += f"; {self._joints_line()}"
         if not reason and state.mode != self._state.mode and self._obstacle and self.count_publishers(OBSTACLE):
             reason = f"cannot arm while the robot node cannot use its sensors: {self._obstacle}"
