@@ -96,7 +96,8 @@ class Simulation:
         names = (
             reported_names(getattr(self.shown, f"{kind}_names", ()), prod(box.shape)) for kind, box in sizes.items()
         )
-        low, high = (bound.astype(actions.dtype) for bound in (actions.low, actions.high))
+        bounds: list[NDArray[Any]] = [np.asarray(bound, dtype=actions.dtype) for bound in (actions.low, actions.high)]
+        low, high = bounds
         self.spaces = Spaces(self.observation_space.shape, low, high, *names)
         self.step_seconds = _step_seconds(self.shown)
 
