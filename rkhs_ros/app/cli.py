@@ -109,11 +109,7 @@ def _exit_code(arguments: Sequence[str]) -> int:
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
-    """Parse the command line; import the module of the command.
-
-    Raises:
-        ValueError: the command is unknown, or an argument is invalid.
-    """
+    """Parse the command line; import the module of the command."""
     width = max(map(len, COMMANDS))
     table = "\n".join(f"  {name:<{width}}  {about}" for name, (_, about) in COMMANDS.items())
     about, raw = "Policy search in reproducing kernel Hilbert spaces.", argparse.RawDescriptionHelpFormatter

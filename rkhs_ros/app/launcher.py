@@ -112,11 +112,7 @@ def launch_worlds(config: Config, parameters: Path) -> int:
 
 
 def write_parameters(config: Config, file: Path, **learner: str | bool) -> Path:
-    """Write the ROS parameter file of all nodes of a run; return its path.
-
-    Raises:
-        ValueError: a parameter of the learner cannot be a ROS parameter.
-    """
+    """Write the ROS parameter file of all nodes of a run; return its path."""
     require_ros_value(learner, "learner")
     document, robot = config.parameters(), config.environment.nodes
     document[LEARNER][PARAMETERS] |= {"environment": config.environment.tree(), **learner}
@@ -221,10 +217,6 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
     """Set a ROS domain that no other run uses for the nodes started in this context, and write it to the run's folder.
 
     A domain set by ROS_DOMAIN_ID stays.
-
-    Raises:
-        RunError: all domains are in use.
-        ValueError: another process uses the folder.
     """
     given, file = os.environ.get(DOMAIN), folder / "domain"  # ROS treats an empty value like none
     with socket.socket() as claim:
@@ -244,11 +236,7 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
 
 
 def domain_of(folder: Path) -> int:
-    """Return the ROS domain of an active run.
-
-    Raises:
-        ValueError: the folder has no active run over topics.
-    """
+    """Return the ROS domain of an active run."""
     file = folder / "domain"
     require(file.is_file(), f"{folder}", "the folder of an active run over topics", "none")
     return int(file.read_text())

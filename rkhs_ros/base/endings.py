@@ -40,11 +40,7 @@ class Stop:
         self._interrupts = False
 
     def set(self) -> None:
-        """Request the stop.
-
-        Raises:
-            StoppedError: the first request comes in a block of `interrupting`.
-        """
+        """Request the stop."""
         first, self._is_set = not self._is_set, True
         if first and self._interrupts:
             raise StoppedError

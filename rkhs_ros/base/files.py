@@ -14,9 +14,6 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
 
     With `sync`, wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage
     them.
-
-    Raises:
-        OSError: the file cannot be written; the message names it.
     """
     aside = path.with_name(path.name + ".part")
     try:
@@ -34,11 +31,7 @@ def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
 
 
 def sync_to_disk(path: Path) -> None:
-    """Wait until the content of a file, or the entries of a folder, are on disk.
-
-    Raises:
-        OSError: the disk failed; the message names the file.
-    """
+    """Wait until the content of a file, or the entries of a folder, are on disk."""
     with named(path):
         descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -49,11 +42,7 @@ def sync_to_disk(path: Path) -> None:
 
 @contextmanager
 def named(path: Path) -> Iterator[None]:
-    """Add the file's name to an OSError, because errors of writing lack it.
-
-    Raises:
-        OSError: the same error with the file's name.
-    """
+    """Add the file's name to an OSError, because errors of writing lack it."""
     try:
         yield
     except OSError as error:
@@ -80,9 +69,6 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold the lock of a run folder; the kernel releases it when this process ends, however it ends.
 
     The file ``lock`` stays in the folder, because a new file would be another lock.
-
-    Raises:
-        ValueError: another process holds the lock.
     """
     with (folder / "lock").open("ab") as file:
         if not any(_is_taken(file) for _ in range(ATTEMPTS)):

@@ -85,11 +85,7 @@ def build(cls: type[T], values: Tree, path: str = "") -> T:
 
 
 def build_section(cls: type[T], values: Any, path: str) -> T:
-    """Build the settings of a section whose dotted path is ``path``, which every error names.
-
-    Raises:
-        ValueError: as for `build`.
-    """
+    """Build the settings of a section whose dotted path is ``path``, which every error names."""
     try:
         return build(cls, values, f"{path}.")
     except ValueError as error:

@@ -34,9 +34,6 @@ def user_module(module: str, remedy: str) -> ModuleType:
     """Import a module.
 
     The remedy says how to import a module from the current folder.
-
-    Raises:
-        ValueError: the module cannot be imported.
     """
     try:
         with isolated_from_user_code():
@@ -53,9 +50,6 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
     """Return the function with the name ``package.module:function``.
 
     `what` is the setting that names it, for messages.
-
-    Raises:
-        ValueError: the function does not exist.
     """
     module, _, function = name.partition(":")
     require(bool(module and function), what, "MODULE:FUNCTION", name)

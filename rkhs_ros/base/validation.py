@@ -53,11 +53,7 @@ def require_ros(what: str) -> None:
 
 
 def pick(name: str, table: Mapping[str, T], kind: str) -> T:
-    """Return the entry with a name.
-
-    Raises:
-        ValueError: the name is unknown; the message suggests the closest one.
-    """
+    """Return the entry with a name."""
     if name not in table:
         raise ValueError(f"unknown {kind} '{truncated(name)}', {hint(name, table)}")
     return table[name]

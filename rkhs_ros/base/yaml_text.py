@@ -70,11 +70,7 @@ _Writer.add_representer(str, _represent_text)
 
 
 def loaded(text: str) -> Any:
-    """Parse YAML text.
-
-    Raises:
-        ValueError: the text is not YAML, too large, or has aliases.
-    """
+    """Parse YAML text."""
     require(len(text) <= MOST_BYTES, "text", f"at most {MOST_BYTES} characters", "more")
     try:
         return yaml.load(text, _Reader)  # makes plain values only
@@ -133,11 +129,7 @@ WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}  # for one part of a node's full 
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the sections of a ROS parameter file by node name, as written in the file.
-
-    Raises:
-        ValueError: the file is not a ROS parameter file.
-    """
+    """Return the sections of a ROS parameter file by node name, as written in the file."""
     document = read_yaml(path)
     require(isinstance(document, dict), f"{path}", "sections 'simulator' and 'learner'", type(document).__name__)
     sections: dict[str, dict[str, Any]] = {}

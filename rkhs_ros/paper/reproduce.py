@@ -36,9 +36,6 @@ def reproduce(experiment: Experiment, out: Path, make: Make, *, runs: int) -> Ta
 
     The runs are indexed by settings and provenance; `make` starts or resumes them in their folders, and returns the
     errors of failed runs by folder.
-
-    Raises:
-        RunError: a run failed.
     """
     curves = [(title, curve) for title, panel in experiment.panels.items() for curve in panel]
     configs = {(title, curve.label, run): curve.run(run) for title, curve in curves for run in range(runs)}

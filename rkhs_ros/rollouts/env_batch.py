@@ -13,7 +13,7 @@ from gymnasium.wrappers.vector import FlattenObservation as FlattenObservations
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.base.validation import REAL_KINDS, require, truncated
+from rkhs_ros.base.validation import REAL_KINDS, truncated
 from rkhs_ros.rkhs.kernels import Array
 
 Flags = NDArray[np.bool_]
@@ -34,8 +34,7 @@ class SeparateEnvs:
     """Copies of an ordinary environment; only active ones are stepped.
 
     Owns the copies, which are created when needed. If no further copy can be created, for example of hardware, the
-    batches become smaller. ``observed`` is the original observation space of one environment, ``observation_space`` the
-    flattened one, and ``current`` the index of the environment that is being reset or stepped.
+    batches become smaller. ``current`` is the index of the environment that is being reset or stepped.
 
     Args:
         make: function that creates a copy.
@@ -45,12 +44,10 @@ class SeparateEnvs:
     def __init__(self, make: Callable[[], AnyEnv], name: str, most: int = 0) -> None:
         self._make = make
         self._name = name
-        first = make()
-        self.observed = first.observation_space
-        self._copies = [_flat(first)]
+        self._copies = [_flat(make())]
         self._observations: Array = np.empty((0, 0))
         self.current: int | None = None
-        self._most = most or _num_envs(self.shown) or MOST_COPIES
+        self._most = most or int((self.shown.metadata or {}).get("num_envs", 0)) or MOST_COPIES
         self.observation_space = self._copies[0].observation_space
         self.action_space = self._copies[0].action_space
 
@@ -193,7 +190,6 @@ class VectorEnvBatch:
                 oldest = next(iter(self._vectors))
                 self._vectors.pop(oldest).close()
             made = self._make if isinstance(self._make, VectorEnv) else self._make(num_envs, horizon)
-            self.observed = made.single_observation_space
             self._vectors[key] = _flat_vector(made)
         return self._vectors[key]
 
@@ -238,13 +234,6 @@ def _flag(value: Any, name: str) -> bool:
     if array.size != 1 or array.dtype.kind not in FLAG_KINDS:
         raise RunError(f"expected {name} to be True or False, got {truncated(repr(value))}")
     return bool(array.item())
-
-
-def _num_envs(env: AnyEnv) -> int:
-    """Return the maximum number of copies from the metadata of an environment; 0 for any number."""
-    most = (env.metadata or {}).get("num_envs", 0)
-    require(type(most) is int and most >= 0, "metadata: num_envs", "a whole number, 0 for any number", repr(most))
-    return int(most)
 
 
 def _flat(env: AnyEnv) -> AnyEnv:

@@ -23,8 +23,11 @@ def spec_of(environment: str) -> EnvSpec:
         ValueError: the id is unknown, or its module cannot be imported.
     """
     module, _, name = environment.rpartition(":")
-    if module:
-        _import_named_in(environment, module)
+    try:
+        if module:
+            user_module(module, f"add --env {truncated(environment)}")
+    except ValueError as error:
+        raise ValueError(f"unknown environment '{truncated(environment)}': {error}") from error
     try:
         return gymnasium.spec(name)
     except gymnasium.error.Error as error:
@@ -131,15 +134,6 @@ def _registered(environment: str, options: dict[str, Any], num_envs: int) -> Env
         ) from error
     except KeyboardInterrupt:
         raise
-    except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
-        raise ValueError(f"{environment}: expected its packages to be installed, got: {truncated(error)}") from error
     except BaseException as error:  # user code may raise anything
         got = f"{type(error).__name__}: {truncated(error)}"
         raise ValueError(f"{environment}: expected an environment that can be created, got {got}") from error
-
-
-def _import_named_in(environment: str, module: str) -> None:
-    try:
-        user_module(module, f"add --env {truncated(environment)}")
-    except ValueError as error:
-        raise ValueError(f"unknown environment '{truncated(environment)}': {error}") from error

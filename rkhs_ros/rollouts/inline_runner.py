@@ -38,11 +38,7 @@ class InlineRunner:
         return self.simulation.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy; run a batch that exceeds the capacity in parts.
-
-        Raises:
-            RunError: the environment failed, or a number is not finite.
-        """
+        """Return the episodes of a batch under the policy; run a batch that exceeds the capacity in parts."""
         parts = batch.parts(self.capacity(batch.num_envs))
         return Episodes.concatenate(self._together(policy, part) for part in parts)
 

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Dict, Tuple
+from gymnasium.spaces import Box
 from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.user_code import is_interrupt
@@ -90,7 +91,6 @@ class Simulation:
     def _describe(self) -> None:
         """Set the attributes that describe the task."""
         actions = _continuous(self._envs.action_space, f"{self.environment} actions")
-        _check_for_images(self._envs.observed, f"{self.environment} observations")
         self.observation_space = _continuous(self._envs.observation_space, f"{self.environment} observations")
         sizes = {"observation": self.observation_space, "action": actions}
         names = (
@@ -224,12 +224,3 @@ def _continuous(space: gymnasium.Space[Any], what: str) -> Box:
         raise ValueError(f"{what}: expected {CONTINUOUS}, got {truncated(space)}")
     require(0 not in space.shape, what, "at least one number", f"the shape {space.shape}")
     return space
-
-
-def _check_for_images(space: gymnasium.Space[Any], what: str) -> None:
-    """Raise ValueError if a space, or a space within it, contains images."""
-    parts = space.items() if isinstance(space, Dict) else enumerate(space) if isinstance(space, Tuple) else ()
-    for name, part in parts:
-        _check_for_images(part, f"{what}: {name!r}")
-    is_image = isinstance(space, Box) and len(space.shape) >= 2 and not np.issubdtype(space.dtype, np.floating)
-    require(not is_image, what, CONTINUOUS, "images, which are not supported")

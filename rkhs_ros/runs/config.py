@@ -136,11 +136,7 @@ def environment_from(tree: Any) -> Environment:
 
 
 def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
-    """Return the environment of a robot: the task that the robot node's parameters name, with one episode at a time.
-
-    Raises:
-        ValueError: the parameters are not a section of keys.
-    """
+    """Return the environment of a robot: the task that the robot node's parameters name, with one episode at a time."""
     require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
     return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
 
@@ -172,11 +168,7 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
 
 
 def config_of(configuration: str, changes: Iterable[str] = ()) -> Config:
-    """Return the configuration in the header of a recording, with some settings replaced.
-
-    Raises:
-        ValueError: a setting is unknown or invalid.
-    """
+    """Return the configuration in the header of a recording, with some settings replaced."""
     document = loaded(configuration)
     sections = {name.rpartition("/")[2]: section[PARAMETERS] for name, section in document.items()}
     return _config_in(sections, "run", changes)
@@ -207,9 +199,6 @@ def config_for(environment: str, horizon: int | None, changes: Iterable[str] = (
     """Return the configuration of a run on an environment with the default settings.
 
     A horizon of None stands for the default; changes are texts such as ``algorithm.ridge=0.1``.
-
-    Raises:
-        ValueError: a setting is unknown or invalid.
     """
     changes = list(changes)
     chosen = tree_of(changes, {"algorithm": {"name": "rkhs_nac"}, "model": {"form": "gaussian_process"}})

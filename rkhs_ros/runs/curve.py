@@ -87,11 +87,7 @@ def _line(row: Row) -> str:
 
 
 def has_events(folder: Path | None, requested: bool) -> bool:
-    """Return whether a run writes TensorBoard events: if this is requested, or if its folder contains events.
-
-    Raises:
-        ValueError: tensorboardX is not installed.
-    """
+    """Return whether a run writes TensorBoard events: if this is requested, or if its folder contains events."""
     chosen = requested or (folder is not None and (folder / EVENTS).is_dir())
     if chosen:
         require_extra("tensorboardX", "tensorboard", "--tensorboard")

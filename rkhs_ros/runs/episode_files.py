@@ -30,7 +30,6 @@ def load_episodes(path: Path) -> tuple[Episodes, Task | None]:
 
     Raises:
         ValueError: the file is truncated, has another format, or contains invalid episodes.
-        FileNotFoundError: the file does not exist.
     """
     try:
         arrays = unpacked(path.read_bytes())

@@ -26,9 +26,6 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
 
     A model of most episodes is tested on the held-out ones. With ``action_repeat: auto``, the recorded episodes
     determine the action repeat.
-
-    Raises:
-        ValueError: a setting is invalid, or the settings contain no model.
     """
     settings, state = training.model, first_state(training, spaces)
     if not isinstance(settings, ModelBased):
@@ -81,11 +78,7 @@ def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
 
 
 def offline_settings(head: Head, changes: Iterable[str]) -> Training:
-    """Return the settings of a recording with model-based training, without evaluation, and with some changes.
-
-    Raises:
-        ValueError: a setting is unknown or invalid.
-    """
+    """Return the settings of a recording with model-based training, without evaluation, and with some changes."""
     training = config_of(head.configuration).training
     return config_of(head.configuration, offline_changes(training, changes)).training
 

@@ -62,11 +62,7 @@ class RecordingRunner:
         return self._runner.capacity(num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy.
-
-        Raises:
-            ValueError: another policy acted in the recorded episodes.
-        """
+        """Return the episodes of a batch under the policy."""
         self._recorder.serve(policy)
         parts: list[Episodes] = []
         episodes = batch.parts(1)

@@ -44,12 +44,7 @@ class RecordedRunner:
         return 1
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy.
-
-        Raises:
-            ValueError: an episode is not recorded.
-            DifferenceError: another policy acted in an episode.
-        """
+        """Return the episodes of a batch under the policy."""
         return Episodes.concatenate(self._episode(policy, part) for part in batch.parts(1))
 
     def _episode(self, policy: GaussianPolicy, batch: Batch) -> Episodes:

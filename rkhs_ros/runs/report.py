@@ -37,11 +37,7 @@ BEFORE_A_RUN = {
 
 
 def new_folder(folder: Path | None, name: str) -> Path:
-    """Create the folder of a run; None stands for results/NAME/TIME.
-
-    Raises:
-        ValueError: the folder is not empty.
-    """
+    """Create the folder of a run, or raise ValueError if it is in use; None stands for results/NAME/TIME."""
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
     if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN):
@@ -56,11 +52,7 @@ def is_started(folder: Path) -> bool:
 
 
 def old_folder(folder: Path | None) -> Path:
-    """Return the folder of a run that was started.
-
-    Raises:
-        ValueError: the folder does not exist or contains no config.yaml.
-    """
+    """Return the folder of a run, or raise ValueError if none was started in it."""
     if folder is not None and not folder.exists():
         raise ValueError(f"{folder}: expected the folder of a run, got no such folder")
     if folder is None or not is_started(folder):
@@ -186,23 +178,15 @@ def start_from(folder: Path, config: Config, policy: GaussianPolicy | None) -> N
 
 
 def initial_policy(folder: Path) -> GaussianPolicy | None:
-    """Return the policy that a run was given to begin with, if any.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the policy that a run was given to begin with, if any."""
     file = folder / INITIAL_POLICY
     return load_policy(file)[0] if file.exists() else None
 
 
-def provenance() -> dict[str, str]:
-    """Return the versions on which the results of a run depend, by name."""
-    return {"Python": platform.python_version(), "rkhs_ros": __version__, **LIBRARIES}
-
-
 def provenance_lines() -> tuple[str, ...]:
-    """Return the provenance as texts, "name version" each."""
-    return tuple(f"{name} {version}" for name, version in provenance().items())
+    """Return the versions on which the results of a run depend, "name version" each."""
+    versions = {"Python": platform.python_version(), "rkhs_ros": __version__, **LIBRARIES}
+    return tuple(f"{name} {each}" for name, each in versions.items())
 
 
 def resolved(config: Config) -> str:

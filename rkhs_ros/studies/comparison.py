@@ -103,9 +103,6 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
     Args:
         places: folders of runs, or folders that contain such folders.
         labels: label of each run's curve, by the run's folder; if None, the curves get distinct names.
-
-    Raises:
-        ValueError: a folder contains no run, or the runs cannot be compared.
     """
     require(len(places) > 0, "compare", "at least one run's folder", "none")
     found = _found(places)

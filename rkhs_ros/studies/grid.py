@@ -17,7 +17,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.report import provenance
+from rkhs_ros.runs.report import provenance_lines
 
 OF_THE_TASK = ("horizon", "discount")  # and the environment; returns of different tasks are not comparable
 OF_THE_COUNT = ("seed", "name", "timeout")  # do not change how a run learns
@@ -80,5 +80,5 @@ def medians(outcomes: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def indexed_folder(folder: Path, config: Config) -> Path:
     """Return the folder of a run within the folder of its study, named by a hash of settings and provenance."""
-    key = dumped(config.parameters()) + dumped(provenance())
+    key = dumped(config.parameters()) + repr(provenance_lines())
     return folder / "runs" / blake2b(key.encode(), digest_size=12).hexdigest()

@@ -35,9 +35,6 @@ def run_parallel(
     The function is at the top level of a module, so that other processes can import it. `jobs` is the number of
     processes: 1 executes the calls in this process, None stands for one per core, and a text is the address of a Dask
     scheduler, whose cluster replaces this machine.
-
-    Raises:
-        WorkerLostError: a worker process was killed.
     """
     hidden = quiet or not arguments
     with Progress(*bar_columns(), console=bar_console(quiet=hidden), disable=hidden) as progress:

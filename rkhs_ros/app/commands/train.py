@@ -110,11 +110,7 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
 
 
 def _checked(options: argparse.Namespace, config: Config) -> tuple[InlineRunner | None, GaussianPolicy | None]:
-    """Check that a run can start; return its runner in this process, None for a robot, and its initial policy.
-
-    Raises:
-        ValueError: the environment cannot be used, or the settings or the initial policy do not fit it.
-    """
+    """Check that a run can start; return its runner in this process, None for a robot, and its initial policy."""
     runner = None if config.environment.nodes else runner_of(config.environment)
     policy = load_policy(options.policy)[0] if options.policy else None
     first_state(config.training, runner.spaces if runner else check_robot(config), policy)
@@ -170,11 +166,7 @@ def _train_one(options: argparse.Namespace, config: Config, runner: InlineRunner
 
 
 def _is_over_topics(asked: str | None) -> bool:
-    """Return whether the run uses topics: as requested, otherwise if this Python can run nodes.
-
-    Raises:
-        ValueError: topics are requested, and this Python cannot run nodes.
-    """
+    """Return whether the run uses topics: as requested, otherwise if this Python can run nodes."""
     if asked == "inline":
         return False
     if asked is not None:

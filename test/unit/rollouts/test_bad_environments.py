@@ -33,7 +33,6 @@ FAULTS = {
     "nan observation": "observation of environment 0 in step 11: expected finite numbers of at most 1e+100 in size, "
     "got nan in column 0",
     "wrong shape": "step 11 of environment 0: expected an observation of shape (2,), got one of (3,)",
-    "no exception": "step 11 of environment 0: Stranger: who",
     "raise in reset": "reset of environment 0: RuntimeError: there is no way back",
     "sys.exit": "step 11 of environment 0: SystemExit: 3",
 }
