@@ -14,9 +14,7 @@ from viser import ViserServer
 
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.pictures.run_pictures import curve_figure
-from rkhs_ros.recordings.recording import FILE
 from rkhs_ros.runs.curve import columns
-from rkhs_ros.runs.report import is_started
 from rkhs_ros.view.iteration_panel import IterationPanel
 from rkhs_ros.view.page import OpenReports, Page, clock, counted
 from rkhs_ros.view.recorded import Recorded, state_of
@@ -35,18 +33,12 @@ iframe { width: 100%; height: 620px; border: 1px solid #ccc; }
 """
 
 
-def source_of(path: Path) -> Recorded:
-    """Open the run in a folder, or in a recording."""
-    return Recorded(path.parent if path.name == FILE and is_started(path.parent) else path)
-
-
 def wait_for_recording(file: Path) -> Recorded:
     """Wait for a starting run to begin its recording, and open it."""
     deadline = time.monotonic() + BEGIN_TIMEOUT_S
     while time.monotonic() < deadline:
         with suppress(ValueError, OSError):
-            Recorded(file)  # raises until the file has a header
-            return source_of(file)
+            return Recorded(file)  # raises until the file has a header
         time.sleep(TICK_S)
     raise ValueError(f"{file}: expected a recording to begin within {BEGIN_TIMEOUT_S:g} s, got none")
 

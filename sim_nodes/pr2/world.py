@@ -46,7 +46,6 @@ class Trajectory:
     """An executed motion, at its k knots."""
 
     positions: Array  # of the joints `JOINT_NAMES`, shape (k, 11)
-    velocities: Array  # of these joints, shape (k, 11)
     door: Array  # angle, rad, shape (k,)
     lever: Array  # angle, rad, shape (k,)
     tool: Array  # position in the world, shape (k, 3)
@@ -104,7 +103,10 @@ class World:
             for tick in range(knot * ticks, (knot + 1) * ticks):
                 self._control(targets[tick], speeds[tick])
             states.append(self._knot())
-        return self._trajectory(np.array(states), base)
+        positions, angles = np.split(np.array(states), [11], axis=1)
+        tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
+        openings = gap(positions[:, _FINGERS]).mean(axis=1)
+        return Trajectory(positions, *angles.T, tool + np.array([base[0], base[1], 0.0]), openings)
 
     def _reset(self, motion: Motion, base: Array) -> None:
         self.client.restoreState(self._still)
@@ -118,12 +120,10 @@ class World:
         client.resetBasePositionAndOrientation(
             self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
         )
-        for body, joints, angles in (
-            (self._robot, self._joints, robot),
-            (self._door, (self._hinge, self._lever), door),
-        ):
-            for index, angle in zip(joints, angles, strict=True):
-                client.resetJointState(body, index, angle)
+        for index, angle in zip(self._joints, robot, strict=True):
+            client.resetJointState(self._robot, index, angle)
+        for index, angle in zip((self._hinge, self._lever), door, strict=True):
+            client.resetJointState(self._door, index, angle)
 
     def _pose(self, body: int, link: int, place: Sequence[float], turn: Sequence[float]) -> list[float]:
         """Return the position and the quaternion, w last, of a box at a pose in the frame of a link."""
@@ -170,14 +170,7 @@ class World:
 
     def _knot(self) -> Array:
         angles = [state[0] for state in self.client.getJointStates(self._door, (self._hinge, self._lever))]
-        return np.concatenate([self._q, self._v, angles])
-
-    def _trajectory(self, states: Array, base: Array) -> Trajectory:
-        positions, velocities, angles = np.split(states, [11, 22], axis=1)
-        tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
-        openings = gap(positions[:, _FINGERS]).mean(axis=1)
-        place = tool + np.array([base[0], base[1], 0.0])
-        return Trajectory(positions, velocities, angles[:, 0], angles[:, 1], place, openings)
+        return np.concatenate([self._q, angles])
 
     def _load(self, name: str) -> int:
         with as_file(files(__package__).joinpath(name)) as path:

@@ -51,10 +51,6 @@ class Viewing:
         if not self.address:
             raise RuntimeError(self.popen.stderr.read())
 
-    @property
-    def port(self) -> int:
-        return int(self.address.rpartition(":")[2])
-
     def interrupt(self) -> None:
         self.popen.send_signal(signal.SIGINT)
 

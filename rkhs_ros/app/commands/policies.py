@@ -133,9 +133,10 @@ def run_export(options: argparse.Namespace) -> int:
         print(f"Checked on {count} random observations: relative error {error:.1g} (limit {TOLERANCE:g})")
         return 0
     require_extra("viser", "view", "export")
-    from rkhs_ros.view.serving import html_page, source_of
+    from rkhs_ros.view.recorded import Recorded
+    from rkhs_ros.view.serving import html_page
 
-    write_whole(file, html_page(source_of(source)).encode())
+    write_whole(file, html_page(Recorded(source)).encode())
     print(f"Exported the page of the run: {file}")
     return 0
 

@@ -45,13 +45,14 @@ def run_view(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     require_extra("viser", "view", "view")
     require(0 <= options.port <= MOST_PORT, "--port", f"0 to {MOST_PORT}", options.port)
-    from rkhs_ros.view.serving import serve, source_of, wait_for_recording
+    from rkhs_ros.view.recorded import Recorded
+    from rkhs_ros.view.serving import serve, wait_for_recording
 
     os.nice(NICENESS)
     path = options.path or _newest_run(RESULTS)
-    source = None if options.wait else source_of(path)
+    source = None if options.wait else Recorded(path)
     folder = source.path if source else path.parent
-    others = {str(other): source_of(other) for other in options.others}
+    others = {str(other): Recorded(other) for other in options.others}
     print_address = partial(print, f"View {folder} at", flush=True)
     try:
         begun = (lambda: source) if source else partial(wait_for_recording, path)

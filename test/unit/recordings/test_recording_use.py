@@ -78,10 +78,10 @@ def test_an_offline_policy_is_evaluated_and_trained_further(whole: Path, rkhs: C
 
 def test_an_offline_run_is_viewed_and_imitated(whole: Path, rkhs: Callable[..., Result]) -> None:
     pytest.importorskip("viser")
-    from rkhs_ros.view.serving import source_of
+    from rkhs_ros.view.recorded import Recorded
 
     assert rkhs("offline", whole, *SHORT, "--set", "horizon=3", "--out", "learnt").code == 0
-    source, given = source_of(Path("learnt")), read_recording(whole).episodes()
+    source, given = Recorded(Path("learnt")), read_recording(whole).episodes()
     assert len(source.rows) == len(source.iterations) == 2
     first, last = source.load(1), source.load(2)
     assert np.array_equal(first.exploration.rewards, given.rewards)

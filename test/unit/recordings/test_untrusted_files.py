@@ -8,7 +8,7 @@ import pytest
 
 from rkhs_ros.recordings.recorder import read_held
 from rkhs_ros.recordings.recording import read_recording
-from rkhs_ros.view.serving import source_of
+from rkhs_ros.view.recorded import Recorded
 from test.unit.recordings.recorded_runs import longer, recorded_run
 
 
@@ -25,7 +25,7 @@ def readers(path: Path) -> None:
 
 
 def looked_at(path: Path) -> None:
-    source = source_of(path)
+    source = Recorded(path)
     source.refresh()
     for iteration in source.iterations:
         source.load(iteration)

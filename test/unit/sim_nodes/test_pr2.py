@@ -142,8 +142,9 @@ def test_the_motors_respect_their_velocity_limits(task: PR2Door) -> None:
     rushed.arm[10:, -1] += 3.0  # at once
     rushed.openings[10:] = 0.0
     done = task.world.run(rushed, STRAIGHT)
-    assert np.all(np.abs(done.velocities) <= VELOCITY * 1.01)
-    assert np.abs(done.velocities[:, 6]).max() > 0.9 * VELOCITY[6]
+    speeds = RATE * np.abs(np.diff(done.positions, axis=0))
+    assert np.all(speeds <= VELOCITY * 1.01)
+    assert speeds[:, 6].max() > 0.9 * VELOCITY[6]
     assert done.openings[12] > 0.02
 
 
