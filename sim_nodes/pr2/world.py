@@ -106,7 +106,8 @@ class World:
         positions, angles = np.split(np.array(states), [11], axis=1)
         tool = self._chain.forward(positions[:, _ARM])[0] @ rotation_about((0.0, 0.0, 1.0), base[2:])[0].T
         openings = gap(positions[:, _FINGERS]).mean(axis=1)
-        return Trajectory(positions, *angles.T, tool + np.array([base[0], base[1], 0.0]), openings)
+        door, lever = angles.T
+        return Trajectory(positions, door, lever, tool + np.array([base[0], base[1], 0.0]), openings)
 
     def _reset(self, motion: Motion, base: Array) -> None:
         self.client.restoreState(self._still)
