@@ -189,7 +189,7 @@ def status(source: Recorded, state: str) -> str:
     if rows:
         last = rows[-1]
         counts = {"episode": last.episodes, "step": last.steps, "centre": last.centres}
-        sizes = ", ".join(counted(count, what) for what, count in counts.items() if count)
+        sizes = ", ".join(f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count)
         seconds = seconds_left(rows, source.total) if state == RUNNING else nan
         lines.append(f"{sizes}, {clock(last.seconds)}" + ("" if isnan(seconds) else f", about {clock(seconds)} left"))
         evaluated = (row.evaluation_return for row in reversed(rows) if not isnan(row.evaluation_return))
@@ -199,11 +199,6 @@ def status(source: Recorded, state: str) -> str:
         lines.append(f"Return: {', '.join(known)}")
     lines += [f"**Note**: {advice}" for advice in advice_in(source.path)]
     return "\n\n".join([*lines, f"`{source.task.environment}` in `{source.path}`"])
-
-
-def counted(number: int, what: str) -> str:
-    """Return a number with its noun, such as "3 episodes"."""
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def clock(seconds: float) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress
 from html import escape
 from io import BytesIO, StringIO
-from math import isnan
 from pathlib import Path
 from socket import create_server
 
@@ -16,7 +15,7 @@ from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.runs.curve import columns
 from rkhs_ros.view.iteration_panel import IterationPanel
-from rkhs_ros.view.page import OpenReports, Page, clock, counted
+from rkhs_ros.view.page import OpenReports, Page, status
 from rkhs_ros.view.recorded import Recorded, state_of
 
 LOCAL = ("127.0.0.1", "::1", "0.0.0.0", "localhost")
@@ -119,37 +118,20 @@ def html_page(source: Recorded) -> str:
     """Return the page of a run with at least one iteration, which needs no other file and no connection."""
     source.refresh()
     require(bool(source.rows), f"{source.path}", "a run with at least one complete iteration", "none")
-    name, last = escape(source.name), source.rows[-1]
-    state = f"{state_of(source).capitalize()}: iteration {last.iteration} of {source.total}"
-    counts = f"{counted(last.episodes, 'episode')} in {clock(last.seconds)}"
+    name, curve = escape(source.name), BytesIO()
+    curve_figure(columns(source.rows), source.task).savefig(curve, format="png", dpi=CURVE_DPI, facecolor="white")
+    lines = status(source, state_of(source)).translate(str.maketrans("", "", "#*`")).split("\n\n")
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{name}</title><style>{STYLE}</style></head><body>
 <h1>{name}</h1>
-<p>{state}. {counts} on <code>{escape(source.task.environment)}</code>. {_returns(source)}</p>
+{"".join(f"<p>{escape(line)}</p>" for line in lines)}
 <h2>Learning curve</h2>
-<img alt="Returns per iteration" src="data:image/png;base64,{_curve(source)}">
+<img alt="Returns per iteration" src="data:image/png;base64,{b64encode(curve.getvalue()).decode()}">
 <h2>An episode of iteration {source.iterations[-1]}</h2>
 <p>Drag the bar below the scene to any moment. Drag the scene to turn it.</p>
 <iframe title="An episode in 3D, and the policy" srcdoc="{escape(_scene(source))}"></iframe>
 </body></html>
 """
-
-
-def _returns(source: Recorded) -> str:
-    """Return the last returns as a sentence."""
-    last, known = source.rows[-1], []
-    for name in ("exploration", "evaluation"):
-        value, total = getattr(last, f"{name}_return"), getattr(last, f"undiscounted_{name}_return")
-        if not isnan(value):
-            known.append(f"{name} {value:.4g}" + f" (undiscounted {total:.4g})" * (not isnan(total) and total != value))
-    return f"Last returns: {', '.join(known)}." if known else ""
-
-
-def _curve(source: Recorded) -> str:
-    """Return the picture of the learning curve, as PNG in base 64."""
-    content = BytesIO()
-    curve_figure(columns(source.rows), source.task).savefig(content, format="png", dpi=CURVE_DPI, facecolor="white")
-    return b64encode(content.getvalue()).decode()
 
 
 def _scene(source: Recorded) -> str:

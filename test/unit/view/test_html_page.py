@@ -32,8 +32,7 @@ def test_a_run_is_exported_as_a_page_that_needs_no_other_file(
     assert (result.code, result.err) == (0, "")
     assert result.out == f"Exported the page of the run: {tmp_path / 'run.html'}\n"
     page = (tmp_path / "run.html").read_text()
-    assert "Finished: iteration 2 of 2. 10 episodes" in page
-    assert "(undiscounted " in page
+    assert "Finished: iteration 2 of 2</p><p>10 episodes, " in page
     (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert b64decode(picture).startswith(b"\x89PNG")
     (scene,) = re.findall(r'srcdoc="([^"]+)"', page)
