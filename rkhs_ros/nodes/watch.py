@@ -81,8 +81,8 @@ class NodeReports(Client):
 
     def __init__(self, domain: int | None) -> None:
         super().__init__("status", domain)
-        self.heard_new_at = time.monotonic()
-        self.progress: dict[str, LearningProgress] = {}
+        self.heard_new_at = time.monotonic()  # when the last new node appeared, seconds
+        self.progress: dict[str, LearningProgress] = {}  # of each learner, by topic
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
         self._topics: set[str] = set()
         self._learners: set[str] = set()

@@ -1,6 +1,5 @@
 """The settings of a gate, and the rules derived from them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -19,7 +18,6 @@ TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStampe
 KINDS_OF = {FLOATS: KINDS, FLOAT: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
-OWN_TOPICS = ("command", "robot/obstacle", "gate/report", "gate/state")  # of every gate
 LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; the launcher waits this long
 
 
@@ -160,7 +158,6 @@ def rules(settings: GateSettings) -> Rules:
     """
     require(bool(settings.joints), "joints", "the names of the joints", "none")
     require(bool(settings.command.topic), "command.topic", "the topic on which the hardware receives commands", "none")
-    require_own_topic(settings, str)
     commands, sensed = _urdf_limits(settings)
     return Rules(
         Limits(
@@ -176,14 +173,6 @@ def rules(settings: GateSettings) -> Rules:
         settings.rest.speed,
         settings.rest.time,
     )
-
-
-def require_own_topic(settings: GateSettings, resolved: Callable[[str], str]) -> None:
-    """Raise ValueError if the gate would hear its own commands; `resolved` returns the full name of a topic."""
-    topic, others = settings.command.topic, [*OWN_TOPICS, *settings.stop_topics, settings.sensor.topic]
-    taken = {resolved(name) for name in others if name}
-    expected = "a topic that the gate does not use for another purpose"
-    require(resolved(topic) not in taken, "command.topic", expected, topic)
 
 
 def _urdf_limits(settings: GateSettings) -> tuple[dict[str, Array], dict[str, Array]]:

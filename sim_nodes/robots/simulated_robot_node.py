@@ -18,7 +18,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from rkhs_ros.base.settings import entries
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, rivals
-from rkhs_ros.nodes.core.messages import LATCHED_QOS, now_by_both_clocks
+from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
@@ -117,7 +117,7 @@ class SimulatedRobotNode(ReportingNode):
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, self._report)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
-        self._begin, self._begin_ns = now_by_both_clocks()
+        self._begin_ns, self._begin = time.time_ns(), time.monotonic()
         self.get_logger().info(f"{name} is running, at {self._speed:g} times real time")
 
     def heartbeat(self) -> float:

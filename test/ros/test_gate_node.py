@@ -167,7 +167,7 @@ def test_a_gate_whose_ticks_fail_for_ever_sends_its_last_output_at_once(begin: B
 
 
 def test_an_invalid_parameter_is_refused_in_one_line(start: Any, tmp_path: Path) -> None:
-    tree = {**POSITION, "command": POSITION["command"] | {"topic": "/rosout"}}
+    tree = {**POSITION, "command": POSITION["command"] | {"topic": "gate/state"}}
     code, out, err = start("gate", "--ros-args", "--params-file", written(tmp_path, tree)).finish()
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "cannot open its topics and services" in err

@@ -1,9 +1,8 @@
-"""Validated conversions between messages and values: batches, steps, tasks and times."""
+"""Validated conversions between messages and values: batches, steps and tasks."""
 
 from __future__ import annotations
 
 import json
-import time
 from array import array
 from typing import TYPE_CHECKING
 
@@ -24,8 +23,6 @@ if TYPE_CHECKING:  # a policy node needs no simulation
 # start a batch until their messages have subscribers.
 LOCKSTEP_QOS = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers receive the last one
-READINGS = 10  # attempts; the fastest counts, because the process may be preempted between the two clocks
-QUICK_S = 2e-5  # duration of a reading without preemption
 
 
 def observation_message(identity: int, version: int, batch: Batch, step: int, frame: Frame) -> msg.Observation:
@@ -82,14 +79,3 @@ def describe(simulation: Simulation, num_envs: int) -> DescribeTask.Response:
         capacity=simulation.capacity(num_envs),
         num_envs=simulation.num_envs,
     )
-
-
-def now_by_both_clocks() -> tuple[float, int]:
-    """Return the monotonic time in seconds and the system time in nanoseconds, read as simultaneously as possible."""
-    best = (float("inf"), 0.0, 0)  # duration of the reading in seconds, and both times
-    for _ in range(READINGS):
-        before, system_ns, after = time.monotonic(), time.time_ns(), time.monotonic()
-        best = min(best, (after - before, (before + after) / 2, system_ns))
-        if best[0] <= QUICK_S:
-            break
-    return best[1:]

@@ -35,7 +35,7 @@ class TopicRunner:
     def __init__(self, node: ReportingNode, peers: Peers, num_envs: int, kind: str = SIMULATOR) -> None:
         self._node = node
         self._peers = peers
-        self.record: Record = discard
+        self.record: Record = discard  # called with each batch that has ended
         self._simulator = SimulatorLink(node, peers, "", num_envs, kind)
         self._set_policy = node.create_client(SetPolicy, "set_policy")
         self._policy: GaussianPolicy | None = None

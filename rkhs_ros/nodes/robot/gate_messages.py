@@ -19,7 +19,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
 from rkhs_ros.nodes.core.diagnostics import full_name
-from rkhs_ros.nodes.core.messages import now_by_both_clocks
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.gate_settings import FLOAT, FLOATS, TRAJECTORY, TWIST, TWIST_STAMPED, GateSettings
@@ -40,10 +39,10 @@ TYPES = {
 def seconds_of(stamp: Stamp) -> float:
     """Convert a stamp of the system clock to the monotonic clock, in seconds.
 
-    The gate uses the monotonic clock, which corrections of the system clock do not affect. The order of stamps is
-    preserved even on a busy machine, because both clocks are read at once.
+    The gate uses the monotonic clock, which corrections of the system clock do not affect. If the process is held up
+    between the two readings, the stamp appears too old, never too new.
     """
-    now, now_ns = now_by_both_clocks()
+    now, now_ns = time.monotonic(), time.time_ns()
     return now - 1e-9 * (now_ns - (stamp.sec * 1_000_000_000 + stamp.nanosec))
 
 

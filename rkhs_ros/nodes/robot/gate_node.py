@@ -28,7 +28,7 @@ from rkhs_ros.nodes.robot.gate_messages import (
 )
 from rkhs_ros.robot import gate
 from rkhs_ros.robot.feedback import stale
-from rkhs_ros.robot.gate_settings import GateSettings, require_own_topic, rules
+from rkhs_ros.robot.gate_settings import GateSettings, rules
 from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
 from rkhs_ros.robot.gate_state import Command as GateCommand
 from rkhs_ros.robot.limits import Setpoint
@@ -100,7 +100,6 @@ class GateNode(ReportingNode):
 
     def _open_topics(self) -> None:
         command, sensor = self._settings.command, self._settings.sensor
-        require_own_topic(self._settings, self.resolve_topic_name)
         self._hardware = self.create_publisher(TYPES[command.type], command.topic, HARDWARE_QOS)
         self._reports = self.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
         self._states = self.create_publisher(GateState, "gate/state", LATCHED_QOS)

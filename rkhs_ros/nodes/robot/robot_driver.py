@@ -41,11 +41,11 @@ class EpisodeDriver:
     def __init__(
         self, node: ReportingNode, task: RobotTask, *, simulated: bool, ended: Callable[[RobotEpisode], None]
     ) -> None:
-        self.episode: RobotEpisode | None = None
+        self.episode: RobotEpisode | None = None  # also during the reset before it
         self.lockstep = (0, 0)  # batch and policy version of the episode's messages
-        self.alive_at = 0.0
-        self.paused = False
-        self.waiting = ""
+        self.alive_at = 0.0  # monotonic time of the last heartbeat of the learner, seconds
+        self.paused = False  # whether the operator wants no further episode to start
+        self.waiting = ""  # what the operator has to do; empty if nothing
         self._node = node
         self._task = task
         self._ended = ended

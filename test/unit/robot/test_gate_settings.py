@@ -77,7 +77,6 @@ def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None
         (EFFORT, {"joints": None}, "joints: expected the names of the joints, got none"),
         (EFFORT, {"joints": ["a", "a"], "limits": {"minimum": -1.0}}, "joints: expected unique names"),
         (EFFORT, {"command": {"topic": None}}, "command.topic: expected the topic"),
-        (EFFORT, {"command": {"topic": "joint_states"}}, "command.topic: expected a topic that the gate does not use"),
         (
             EFFORT,
             {"limits": None},
