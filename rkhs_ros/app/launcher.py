@@ -56,7 +56,8 @@ class NodeProcess:
                 [*python(MODULES[name]), "--ros-args", *quiet, "--params-file", str(parameters)],
                 stdin=subprocess.DEVNULL,
                 process_group=0,  # outside our foreground group: Ctrl-C reaches the node only through the launcher
-                env=environment(),
+                # If this variable is set, the wheels of ROS 2 skip the restart of Python that sets the library path.
+                env={k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"},
                 preexec_fn=partial(terminate_with_parent, os.getpid()),
             )
 
@@ -134,12 +135,6 @@ def started(names: Iterable[str], parameters: Path) -> Iterator[Nodes]:
         yield nodes
     finally:
         _terminate(nodes.values())
-
-
-def environment() -> dict[str, str]:
-    """Return the environment of a node's process."""
-    # If this variable is set, the wheels of ROS 2 skip the restart of Python that sets the library path.
-    return {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
 def _supervise(nodes: Nodes, task: str) -> int:

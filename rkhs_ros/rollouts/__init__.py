@@ -1,4 +1,1 @@
-"""Rollouts in this process: environments in a batch, their simulation, and the evaluation of policies.
-
-This package runs episodes. `runs` manages and stores runs.
-"""
+"""Rollouts in this process: environments in a batch, their simulation, and the evaluation of policies."""

@@ -42,11 +42,7 @@ HEADER = ",".join(Row._fields)
 
 
 class Curve:
-    """Learning curve of a run in a file, derived from the recording.
-
-    Args:
-        path: the file, which may not exist yet.
-    """
+    """Learning curve of a run in a file, which may not exist yet; a resumed run derives it from the recording."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

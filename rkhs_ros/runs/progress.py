@@ -2,11 +2,10 @@
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
-from typing import Protocol
 
 from rich.console import Console, RenderableType
 from rich.progress import (
@@ -30,11 +29,7 @@ ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it wo
 LINE_PERIOD_S = 5.0  # between lines
 
 
-class Show(Protocol):
-    """A function that shows an iteration, and advice if there is any."""
-
-    def __call__(self, iteration: Iteration, advice: Advice | None = None) -> None:
-        """Show the iteration."""
+Show = Callable[..., None]  # shows an iteration, and advice if there is any
 
 
 def bar_console(*, quiet: bool) -> Console:

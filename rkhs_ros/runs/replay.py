@@ -27,11 +27,7 @@ class DifferenceError(ValueError):
 
 
 class RecordedRunner:
-    """Runner that returns recorded episodes instead of running new ones.
-
-    Attributes:
-        update: number of the current update.
-    """
+    """Runner that returns recorded episodes instead of running new ones, and knows the number of the update."""
 
     def __init__(self, recording: Recording, spaces: Spaces) -> None:
         self.spaces = spaces

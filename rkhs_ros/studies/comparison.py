@@ -28,14 +28,7 @@ CAPTION = (
 
 
 class Run(NamedTuple):
-    """A run, read from its folder.
-
-    Attributes:
-        place: the path that the user gave: the folder itself, or a folder that contains it.
-        folder: folder of the run.
-        config: configuration of the run.
-        rows: lines of its curve.csv.
-    """
+    """A run, read from a folder in the place that the user gave, which may be this folder itself."""
 
     place: Path
     folder: Path

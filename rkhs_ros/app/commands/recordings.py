@@ -75,11 +75,7 @@ def run_imitate(options: argparse.Namespace) -> int:
 
 
 def _demonstrations(path: Path) -> tuple[Episodes, Task, int]:
-    """Return the completed episodes of a recording, or the last ones of a run in a folder.
-
-    Returns:
-        The episodes, their task, and the action repeat of the newest policy, or 1.
-    """
+    """Return the episodes of a recording, or the last ones of a run, with their task and the action repeat, or 1."""
     recording = read_recording(path)
     episodes = recording.last_episodes() if is_started(path) else recording.episodes()
     return episodes, recording.head.task, recording.action_repeat or 1
