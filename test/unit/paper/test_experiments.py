@@ -11,10 +11,9 @@ import pytest
 from rkhs_ros.app.study import make_missing
 from rkhs_ros.learning.training import train
 from rkhs_ros.paper.experiment import Curve, Experiment, known, load_experiment
-from rkhs_ros.paper.reproduce import Table, draw_experiment, reproduce
+from rkhs_ros.paper.reproduce import Table, reproduce
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs import report
 
 ROOT = Path(__file__).parents[3]
 SHORT = ("iterations=2", "horizon=5", "episodes_per_iteration=2", "evaluation_episodes=2")
@@ -91,35 +90,6 @@ def test_an_interrupted_experiment_runs_only_what_is_missing(
     assert [files(run) for run in finished] == before
     assert len(make_table(experiment, tmp_path, runs=2, jobs=2)["right", "longer"]) == 2
     assert [files(run) for run in finished] == before
-
-
-@pytest.mark.slow
-def test_runs_of_other_versions_are_repeated(
-    experiment: Experiment, tmp_path: Path, table: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def made() -> int:
-        make_table(experiment, tmp_path, runs=1)
-        return len(list((tmp_path / "runs").iterdir()))
-
-    assert made() == 3
-    for name, value in (("__version__", "9.9.9"), ("LIBRARIES", {"numpy": "1"})):
-        monkeypatch.setattr(report, name, value)
-        before = made()
-    assert before == 9
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("table")
-def test_a_figure_shows_its_curves(experiment: Experiment, tmp_path: Path) -> None:
-    table = make_table(experiment, tmp_path, runs=1)
-    pictures = [tmp_path / "one.png", tmp_path / "other.png"]
-    draw_experiment(pictures[0], experiment, table)
-    key = ("right", "longer")
-    changed = {**table, key: [[row._replace(evaluation_return=9.0) for row in rows] for rows in table[key]]}
-    draw_experiment(pictures[1], experiment, changed)
-    one, other = (picture.read_bytes() for picture in pictures)
-    assert one[:8] == b"\x89PNG\r\n\x1a\n"
-    assert one != other
 
 
 @pytest.mark.parametrize("name", PAPER_RUNS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sim_nodes.envs  # noqa: F401  # registers the task
-from rkhs_ros.learning.diagnosis import SIGNS, Advice
+from rkhs_ros.learning.diagnosis import SIGNS
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
@@ -41,10 +41,3 @@ def test_a_run_stores_its_advice_once_and_the_page_shows_it(tmp_path: Path, caps
     assert advice_in(folder) == [str(CONSTANT)]
     assert str(CONSTANT) not in capsys.readouterr().err
     assert str(CONSTANT) in status(Recorded(folder), FINISHED)
-
-
-def test_a_callback_replaces_the_printed_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given: list[Advice] = []
-    run_training(CONFIG, runner(), tmp_path / "run", on_advice=given.append)
-    assert given == [CONSTANT]
-    assert str(CONSTANT) not in capsys.readouterr().err

@@ -8,11 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rkhs_ros
-from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import ModelBased, Training
-from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.runs.defaults import settings_for
 
@@ -44,12 +40,3 @@ def test_the_command_line_and_the_library_have_the_same_defaults(horizon: Any, f
     model = "none" if form == "none" else ModelBased(updates=1, rollouts=2, centres=5)
     result = rkhs_ros.train("rkhs/Toy-v0", model=model, horizon=horizon, progress=False, **small)
     assert (result.policy.task.horizon, result.policy.task.discount) == (training.horizon, training.discount)
-
-
-@pytest.mark.parametrize("name", ALGORITHMS)
-@pytest.mark.parametrize("form", ["gaussian_process", "none"])
-def test_every_algorithm_trains_with_its_defaults(name: str, form: str) -> None:
-    small = ["horizon=10", "iterations=2", "model.updates=1", "model.rollouts=2"][: 4 if form != "none" else 2]
-    training = training_on(None, f"algorithm.name={name}", f"model.form={form}", *small)
-    with InlineRunner(Simulation("rkhs/Pendulum-v0")) as runner:
-        assert len(list(train(training, runner))) == 2

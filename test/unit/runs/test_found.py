@@ -1,6 +1,5 @@
 """What a run found about its task, in the form of settings."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,17 +7,14 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.state import Known, settings_of
-from rkhs_ros.learning.training import train
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.report import start_from
 from rkhs_ros.runs.run import run_training
-from test.unit.conftest import model_free
 
 WRAP = {"angle": "wrap"}
 CHANGES = (
@@ -61,12 +57,6 @@ def test_the_found_settings_repeat_the_run_and_come_with_its_policy(
     assert ": found " not in capsys.readouterr().err
 
 
-def test_a_resumed_run_finds_the_same(whole: Path, tmp_path: Path) -> None:
-    folder = learn(tmp_path / "run", replace(CONFIG, training=replace(CONFIG.training, iterations=1)))
-    learn(folder, resume=True)
-    assert returns(folder) == returns(whole)
-
-
 @pytest.mark.parametrize(
     ("inputs", "expected"),
     [
@@ -81,12 +71,3 @@ def test_settings_give_the_same_inputs(inputs: Inputs, expected: list[str]) -> N
     training = load_config(CONFIG_FILE, ("inputs.angles=none", *settings_of(known, found))).training
     assert training.inputs.is_equivalent_to(inputs)
     assert settings_of(Known.of(training), found) == settings_of(found, found) == []
-
-
-def test_the_found_action_repeat_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    training = model_free(iterations=2, episodes_per_iteration=4, horizon=200, seed=1, action_repeat="auto")
-    with progress_bar(training) as show:
-        for iteration in train(training, InlineRunner(Simulation("rkhs/Pendulum-v0"))):
-            show(iteration)
-    _, found, _ = capsys.readouterr().err.splitlines()
-    assert found.endswith(": found action_repeat=4")

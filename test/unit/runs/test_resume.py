@@ -1,8 +1,4 @@
 import resource
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +30,6 @@ CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 RESULTS = ("best_policy.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "policy.npz")
 DRAWN = {"curve.png", "policy.png"}  # by the command
 INLINE = ("--runner", "inline", "--quiet")
-COMMAND = (sys.executable, "-m", "rkhs_ros.app.cli", "train")
 
 Cli = Callable[..., Result]
 
@@ -236,41 +231,3 @@ def test_a_folder_is_locked_during_a_run_only(rkhs: Cli, tmp_path: Path) -> None
         assert_refused(rkhs("train", "--resume", "run", *INLINE), "in use by another process")
         assert contents(folder) == before
     assert rkhs("train", "--resume", "run", *INLINE)[0] == 0
-
-
-def lines(folder: Path) -> int:
-    return len(Curve(folder / "curve.csv").rows())
-
-
-def started(*arguments: object) -> subprocess.Popen[str]:
-    return subprocess.Popen([*COMMAND, *map(str, arguments), *INLINE], stderr=subprocess.PIPE, text=True)
-
-
-def killed(process: subprocess.Popen[str], folder: Path, line: int, delay: float) -> str:
-    """Kill a run a given time after a line of its curve."""
-    while lines(folder) < line:
-        assert process.poll() is None
-        time.sleep(0.002)
-    time.sleep(delay)
-    process.kill()
-    err = process.communicate()[1]
-    assert process.returncode == -signal.SIGKILL
-    return err
-
-
-@pytest.mark.nightly
-@pytest.mark.slow
-def test_a_killed_run_resumes_bit_identically(tmp_path: Path, rng: np.random.Generator) -> None:
-    run, settings = tmp_path / "run", ("--iterations", 400, "--set", "algorithm.reuse=4")
-    file = ROOT / "config" / "toy_power.yaml"
-    whole = started(file, *settings, "--out", tmp_path / "whole")
-    process = started(file, *settings, "--out", run)
-    for _ in range(5):
-        assert killed(process, run, lines(run) + 10, rng.uniform(0.0, 0.1)) == ""
-        process = started("--resume", run)
-    assert killed(process, run, lines(run), 0.0) == ""
-    assert lines(run) < 400
-    again = started("--resume", run)
-    assert (again.communicate()[1], again.returncode) == ("", 0)
-    assert (whole.communicate()[1], whole.returncode) == ("", 0)
-    assert results(run) == results(tmp_path / "whole")

@@ -42,7 +42,12 @@ def config_of(way: Any) -> Config:
     form = way.pop("model", "none")
     on_grid = issubclass(ALGORITHMS[way.get("name", "rkhs_nac")], GridSettings)
     size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
-    tree = {"iterations": 4, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 6}
+    tree = {
+        "iterations": 4 if form == "none" else 3,
+        "episodes_per_iteration": 3,
+        "evaluation_episodes": 2,
+        "horizon": 6,
+    }
     model = {"form": form} | ({"updates": 2, "rollouts": 5, "centres": 20} if form != "none" else {})
     parts = {"kernel": {"bandwidth": 4.0} if on_grid else {}, "algorithm": size | way, "model": model}
     inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,), degree=2)

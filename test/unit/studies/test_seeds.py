@@ -12,7 +12,6 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.app.study import parse_seeds, seed_folders
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.comparison import compare
-from test.processes import is_running
 from test.unit.conftest import Result, assert_refused
 
 pytestmark = pytest.mark.slow
@@ -72,18 +71,18 @@ def started_runs(three_runs: Path, tmp_path: Path) -> Path:
 
 
 def test_each_seed_gives_an_ordinary_run(rkhs: Run, tmp_path: Path) -> None:
-    code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0-1,5", "--jobs", 2, "--out", "many")
+    code, out, err = rkhs("train", CONFIG, *SHORT, "--seeds", "0,5", "--jobs", 2, "--out", "many")
     assert code == 0
     assert err.splitlines()[-1].split()[:1] == ["toy_nac"]
-    assert "3/3" in err.splitlines()[-1]
-    assert [path.name for path in seed_folders(tmp_path / "many")] == ["seed_0", "seed_1", "seed_5"]
-    for seed in (0, 1, 5):
+    assert "2/2" in err.splitlines()[-1]
+    assert [path.name for path in seed_folders(tmp_path / "many")] == ["seed_0", "seed_5"]
+    for seed in (0, 5):
         alone = tmp_path / f"alone_{seed}"
         assert rkhs("train", CONFIG, *SHORT, "--runner", "inline", "--seed", seed, "--out", alone).code == 0
         assert results(tmp_path / "many" / f"seed_{seed}") == results(alone)
     (curve,) = compare([tmp_path / "many"]).curves
     assert out == f"{curve.summary()}\nCompare: rkhs compare many\n"
-    assert "mean of 3 runs, 95 % interval over the seeds" in out
+    assert "mean of 2 runs, 95 % interval over the seeds" in out
 
 
 def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: Path) -> None:
@@ -109,12 +108,6 @@ def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     return process
 
 
-def workers(process: subprocess.Popen[str]) -> list[int]:
-    children = Path(f"/proc/{process.pid}/task").glob("*/children")
-    pids = [pid for file in children for pid in file.read_text().split()]
-    return [int(pid) for pid in pids if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
-
-
 @pytest.mark.nightly
 @pytest.mark.slow
 def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Path) -> None:
@@ -128,21 +121,6 @@ def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Pa
     assert rkhs("train", "--resume", many, "--quiet", "--jobs", 1).code == 0
     assert rkhs("train", CONFIG, *long, "--out", whole, "--jobs", 1).code == 0
     assert [results(path) for path in seed_folders(many)] == [results(path) for path in seed_folders(whole)]
-
-
-@pytest.mark.nightly
-@pytest.mark.slow
-def test_workers_end_when_the_command_is_killed(tmp_path: Path) -> None:
-    many = tmp_path / "many"
-    process = started(many, CONFIG, *EPISODES, "iterations=3000", "--seeds", "0-1", "--quiet", "--out", many)
-    at_work = workers(process)
-    process.kill()
-    process.communicate(timeout=120)
-    deadline = time.monotonic() + 120
-    while any(is_running(pid) for pid in at_work):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    assert len(at_work) == 2
 
 
 # Invalid options
