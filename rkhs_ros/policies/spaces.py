@@ -65,11 +65,6 @@ class Spaces:
         low, high = self._bounds
         return np.minimum(np.maximum(actions, low), high)  # several times faster than numpy.clip for few values
 
-    def clip_with_margin(self, actions: Array, beyond: Array) -> Array:
-        """Return actions, shape (batch, action_dim), clipped to the bounds plus a margin, shape (action_dim,)."""
-        low, high = self._bounds
-        return np.minimum(np.maximum(actions, low - beyond), high + beyond)
-
     @property
     def half_ranges(self) -> Array:
         """Half the range of each action, shape (action_dim,); 1 if the range is infinite or zero."""

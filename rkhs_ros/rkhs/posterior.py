@@ -13,10 +13,11 @@ exact Gaussian process; with m centres it takes O(n m^2) for n points.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtri
 
@@ -127,9 +128,9 @@ class Posterior:
         weights = np.concatenate([weights, waves * self.targets.scale[:, None]], axis=2)
         return DrawnFunctions(self.points, self._kernel, weights, self._frequencies)
 
-    def expected(self, count: int = 1) -> DrawnFunctions:
-        """Return the posterior mean as a number of equal draws."""
-        weights = self._weights(np.zeros((count, *self.coefficients.mean.T.shape)))
+    def expected(self) -> DrawnFunctions:
+        """Return the posterior mean as a single draw."""
+        weights = self._weights(np.zeros((1, *self.coefficients.mean.T.shape)))
         return DrawnFunctions(self.points, self._kernel, weights, np.empty((self.points.dimension, 0)))
 
     def _weights(self, normals: Array) -> Array:
@@ -169,7 +170,7 @@ class Posterior:
 
 @dataclass(frozen=True)
 class DrawnFunctions:
-    """Functions drawn from a posterior: each draw consists of k functions.
+    """Functions drawn from a posterior: each draw consists of k functions. A single draw has values at any points.
 
     Attributes:
         points: maps points to coordinates.
@@ -186,13 +187,21 @@ class DrawnFunctions:
     def __call__(self, points: Array) -> Array:
         """Evaluate each draw at its own point, points of shape (draws, d): shape (draws, k).
 
-        The values of a draw do not depend on the others; this holds bit-identically.
+        The values at a point do not depend on the others; this holds bit-identically.
         """
         return np.asarray(np.matmul(self.weights, self._features(points)[:, :, None])[:, :, 0])
 
-    def of_draw(self, draw: int, points: Array) -> Array:
-        """Evaluate one draw at points of shape (n, d): shape (n, k)."""
-        return np.asarray(self._features(points) @ self.weights[draw].T)
+    def take(self, draws: NDArray[np.int_]) -> DrawnFunctions:
+        """Return the draws with the given numbers."""
+        return replace(self, weights=self.weights[draws])
+
+    def along(self, paths: Array) -> Array:
+        """Evaluate each draw at the points of its own path or of the only one, shape (draws or 1, n, d): (draws, n, k).
+
+        The values on a path do not depend on the other paths; this holds bit-identically.
+        """
+        features = self._features(paths.reshape(-1, paths.shape[2]))
+        return np.asarray(np.matmul(features.reshape(*paths.shape[:2], -1), self.weights.swapaxes(1, 2)))
 
     def _features(self, points: Array) -> Array:
         x = self.points.of(points)

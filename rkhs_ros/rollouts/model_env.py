@@ -109,8 +109,8 @@ class ModelEnv(gymnasium.Env[Values, Values]):
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Values, Info]:
         """Start an episode; without a seed, continue the random stream. Options are ignored."""
         super().reset(seed=seed)
-        self._now = self._dynamics.draw_start(self.np_random)[None]
-        self._draws, self._step = self._runner.draw([self.np_random], self._horizon), 0
+        self._now = self._start = self._dynamics.draw_start(self.np_random)[None]
+        self._draws, self._step, self._is_beyond = self._runner.draw([self.np_random], self._horizon), 0, False
         self._window = Window(self._dynamics.inputs, self._dynamics.spaces.action_dim)
         return self._observation(), {}
 
@@ -130,11 +130,13 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         inputs = self._window.observed(self._now)
         self._window.acted(flat)
         made = self._runner.step(self._draws, np.array([self._step]), inputs, self._now, flat)
+        self._is_beyond |= bool(self._runner.reach_limits(np.stack([self._start, made.final_observations], axis=1)))
         self._now, self._step = made.final_observations, self._step + 1
+        reward = self._runner.least_reward if self._is_beyond else float(made.rewards[0, 0])
         ends = bool(made.terminated[0]), self._step == self._horizon
         if any(ends):
             self._draws = None
-        return self._observation(), float(made.rewards[0, 0]), *ends, {}
+        return self._observation(), reward, *ends, {}
 
     def _observation(self) -> Values:
         now: Values = self._now[0]

@@ -198,6 +198,10 @@ class DynamicsModel:
         """Return observations, shape (n, d), clipped to the observed range plus a margin."""
         return np.minimum(np.maximum(observations, self._lowest), self._highest)
 
+    def at_limits(self, observations: Array) -> NDArray[np.bool_]:
+        """Return which numbers of observations, shape (..., d), lie at the limits of `possible`: shape (..., d)."""
+        return np.asarray((observations <= self._lowest) | (observations >= self._highest))
+
     def clip_to_observed(self, observations: Array) -> Array:
         """Return observations, shape (..., d), clipped to the observed range."""
         return np.minimum(np.maximum(observations, self.low), self.high)

@@ -1,5 +1,6 @@
 """Model rollouts: a policy acts in the learnt model, each episode in functions drawn from the posterior."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,11 +36,17 @@ class Draws:
     limits: Array | None
 
 
+Functions = tuple[DrawnFunctions, DrawnFunctions | None]
+
+
 class ModelRunner:
     """A `Runner` that rolls out policies in a model instead of a simulation.
 
-    Each episode draws its functions and the noise of its steps from its own random stream. Episodes do not depend on
-    each other, so splitting a batch gives bit-identical results.
+    Each episode draws its start, the noise of its steps and, unless they share worlds, its functions from its own
+    random stream. Episodes do not depend on each other, so splitting a batch gives bit-identical results.
+
+    The model knows little far from the data, and its limits there are walls that the task does not have. From the step
+    on at which a rollout reaches them, it earns the least observed reward, so that policies do not exploit them.
 
     Args:
         model: model of the task.
@@ -47,6 +54,8 @@ class ModelRunner:
         optimism: additional reward of a step per relative standard deviation of the changes that the model predicts,
             so that the policy explores states that were not visited yet.
         visited_starts: let a quarter of the rollouts start from visited observations.
+        worlds: a random stream for each world, that is, functions that rollouts share, which take turns; without any,
+            each rollout draws its own functions.
     """
 
     def __init__(
@@ -56,34 +65,51 @@ class ModelRunner:
         *,
         optimism: float = 0.0,
         visited_starts: bool = True,
+        worlds: Sequence[np.random.Generator] = (),
     ) -> None:
         self._model = model
         self._caution = caution
         self._optimism = optimism
         self._visited_starts = visited_starts
+        self._worlds = self._functions(list(worlds)) if worlds else None
 
     @property
     def spaces(self) -> Spaces:
         """Shape of an observation and bounds of the actions."""
         return self._model.spaces
 
+    @property
+    def least_reward(self) -> float:
+        """Reward of the steps of a rollout from the one on that reached a limit of the model."""
+        return self._model.reward_range[0]
+
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Run the episodes of a batch with the policy."""
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = self._starts(batch, streams)
-        draws = self.draw(streams, batch.horizon)
+        draws = self.draw(streams, batch.horizon, self._shared(batch))
         return self._judged(*self._roll_out(policy, batch, starts, draws), draws)
 
-    def draw(self, streams: list[np.random.Generator], horizon: int) -> Draws:
-        """Draw the functions and the noise of one episode from each random stream."""
-        model = self._model
-        changes = self._drawn(model.state_delta, streams)
-        rewards = None if model.rewards is None else self._drawn(model.rewards, streams)
-        shape = (horizon, model.spaces.observation_dim)
-        noise = np.stack([own.standard_normal(shape) for own in streams]) * model.state_delta.noise
-        ends = model.termination
+    def draw(self, streams: list[np.random.Generator], horizon: int, functions: Functions | None = None) -> Draws:
+        """Draw the functions, unless they are given, and the noise of one episode from each random stream."""
+        changes, rewards = functions or self._functions(streams)
+        shape, ends = (horizon, self.spaces.observation_dim), self._model.termination
+        noise = np.stack([own.standard_normal(shape) for own in streams]) * self._model.state_delta.noise
         limits = np.stack([ends.draw(own) for own in streams]) if isinstance(ends, Limits) else None
         return Draws(changes, rewards, noise, limits)
+
+    def _shared(self, batch: Batch) -> Functions | None:
+        """Return the functions of the episodes' worlds, which take turns; None if each episode draws its own."""
+        if self._worlds is None:
+            return None
+        changes, rewards = self._worlds
+        turns = np.array(batch.episodes) % len(changes.weights)
+        return changes.take(turns), None if rewards is None else rewards.take(turns)
+
+    def _functions(self, streams: list[np.random.Generator]) -> Functions:
+        """Draw the functions of the changes and the rewards from each random stream."""
+        changes, rewards = self._model.state_delta, self._model.rewards
+        return self._drawn(changes, streams), None if rewards is None else self._drawn(rewards, streams)
 
     def step(self, draws: Draws, steps: NDArray[np.int_], inputs: Array, now: Array, actions: Array) -> Episodes:
         """Advance each rollout by one step; return these steps as N episodes of one step.
@@ -152,7 +178,18 @@ class ModelRunner:
         earned = self._rewards(observations, points, draws.rewards)
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
+        beyond = np.logical_or.accumulate(self.reach_limits(observations), axis=1)
+        earned = np.where(beyond, self.least_reward, earned)
         return self._cut(observations, actions, earned, draws.limits)
+
+    def reach_limits(self, observations: Array) -> NDArray[np.bool_]:
+        """Return whether steps end at a limit of the model at which their rollout did not start, shape (N, H).
+
+        Args:
+            observations: shape (N, H + 1, d).
+        """
+        at_limits = self._model.at_limits(observations)
+        return np.asarray((at_limits[:, 1:] & ~at_limits[:, :1]).any(axis=2))
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
@@ -164,7 +201,7 @@ class ModelRunner:
             raise ValueError("model: expected a prior or a learnt reward, got neither")
         if self._model.reward_depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
-        rewards = np.stack([drawn.of_draw(row, its_points)[:, 0] for row, its_points in enumerate(points)])
+        rewards = drawn.along(points)[:, :, 0]
         least, greatest = self._model.reward_range
         # Widen both ends: clipping noisy rewards at one end only would bias their mean where the model is uncertain.
         margin = REWARD_MARGIN * (greatest - least)
@@ -187,10 +224,9 @@ class ModelRunner:
             return np.asarray(((features < limits[:, :1]) | (features > limits[:, 1:])).any(axis=2))
         if not isinstance(model.termination, Posterior):
             return np.zeros(shape, dtype=bool)
-        expected = model.termination.expected()
         # Clipping extends the boundary of termination beyond the observed range.
         features = model.inputs.features(model.clip_to_observed(observations))
-        return np.stack([expected.of_draw(0, its_features)[:, 0] > 0 for its_features in features])
+        return np.asarray(model.termination.expected().along(features)[:, :, 0] > 0)
 
     def _cut(self, observations: Array, actions: Array, rewards: Array, limits: Array | None) -> Episodes:
         """Return the episodes, each truncated where the model terminates it."""

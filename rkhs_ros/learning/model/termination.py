@@ -59,7 +59,7 @@ class TerminalReward:
         """
         if self.posterior is None:
             return rewards + self.mean
-        return np.clip(rewards + self.posterior.expected(len(points))(points)[:, 0], *self.limits)
+        return np.clip(rewards + self.posterior.expected()(points)[:, 0], *self.limits)
 
 
 def _is_explained(points: Array, values: Array, centres: int) -> bool:

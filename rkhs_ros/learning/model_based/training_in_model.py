@@ -21,20 +21,19 @@ from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.streams import Batch, stream_seed
+from rkhs_ros.policies.streams import Batch, stream, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import Array, subsample
+from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
 NARROW = 0.3  # that of real episodes after the first iteration, likewise, to visit the states of the policy mean
+WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
 VALIDATE_EVERY = 5  # updates
 HORIZONS_AHEAD = 3.0  # times 1 / (1 - discount); later steps contribute 5 % of the return
-MOST_COMPARED = 300  # maximum number of points at which two kernels are compared
-SAME_KERNEL = 0.95  # alignment above which the policy keeps its kernel
 
 
 def exploration_policy(
@@ -77,24 +76,39 @@ class ModelUpdate:
 
 
 def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: RealExperience) -> ModelUpdate:
-    """Train a policy in a model of all real episodes so far; the newest ones also test a model of the earlier ones."""
+    """Train a policy in a model of all real episodes so far; the newest ones also test a model of the earlier ones.
+
+    The rollouts of a run that explores share a world, that is, functions drawn from the model's posterior (Thompson
+    sampling; Strens, 2000). The next real episode shows whether the task is like that, so exploration follows the
+    model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
+    where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and the
+    earlier policies are candidates. Without new episodes, rollouts draw their own functions, and training goes on.
+    """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
     if settings.discovery != "none" and inputs_may_change(inputs, algorithm, training.kernel):
         history = settings.discovery == "all"
         inputs = discover_inputs(inputs, episodes, spaces, history=history, given=training.inputs)
-    policy = refit_policy(policy, experience, inputs)
+    if experience.may_explore or inputs != policy.inputs or not policy.mean.weights.any():
+        start = fresh_policy(policy, experience, inputs)
+    else:
+        start = policy
     priors = settings.priors(spaces.observation_dim)
-    error = _error_of_previous_model(settings, policy, experience, priors)
+    error = _error_of_previous_model(settings, inputs, experience, priors)
     model = fit_model(settings, inputs, episodes, spaces)
     optimistic = experience.seeks_novelty and priors.reward_fn is None
     focused = not model.starts_vary
     if focused:
         algorithm = _finer(algorithm)
-    runner = ModelRunner(model, optimism=experience.reward_width if optimistic else 0.0, visited_starts=not focused)
-    policy, metrics, expected = _optimise(
-        settings, algorithm, replace(policy, noise="white", action_repeat=1), experience, runner
+    count = 0 if not experience.may_explore else 1 if focused else WORLDS
+    runner = ModelRunner(
+        model,
+        optimism=experience.reward_width if optimistic else 0.0,
+        visited_starts=not focused,
+        worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
+    candidates = [each for each in (policy, *experience.earlier) if each.inputs == inputs]
+    policy, metrics, expected = _optimise(settings, algorithm, start, candidates, experience, runner)
     policy = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
@@ -135,19 +149,19 @@ def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice
 def _optimise(
     settings: ModelBased,
     algorithm: Algorithm,
-    policy: GaussianPolicy,
+    start: GaussianPolicy,
+    earlier: list[GaussianPolicy],
     experience: RealExperience,
     runner: ModelRunner,
 ) -> tuple[GaussianPolicy, Metrics, float]:
-    """Update the policy in the model; return it with the metrics of the last update and its return in the model."""
+    """Update a policy in the model; return the best of all with the metrics of the last update and its return there."""
     horizon, discount = _horizon(experience), experience.discount
     validation = Validation(settings.rollouts, runner, _validation_seed(experience), horizon, discount)
+    for each in earlier:
+        validation.consider_earlier(replace(each, noise="white", action_repeat=1))
     deviation = np.sqrt(experience.first_variance)
     least = EXPLORATION_MINIMUM * deviation
-    for each in (policy, *(old for old in experience.earlier if old.inputs == policy.inputs)):
-        validation.consider_earlier(replace(each, noise="white", action_repeat=1))
-    policy = validation.kept.policy if validation.kept else policy
-    policy = replace(policy, variance=ConstantVariance(deviation**2))
+    policy = replace(start, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
     memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
     memory, number = memory.with_inputs(policy.inputs), 0
     while validation.improves and number < settings.updates:
@@ -189,9 +203,7 @@ def model_rollouts_of(
     return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 
 
-def _error_of_previous_model(
-    settings: ModelBased, policy: GaussianPolicy, experience: RealExperience, priors: Priors
-) -> float:
+def _error_of_previous_model(settings: ModelBased, inputs: Inputs, experience: RealExperience, priors: Priors) -> float:
     """Test a model of the earlier episodes on the newest ones; nan in the first iteration."""
     old = len(experience.episodes) - experience.newest
     if old == 0:
@@ -200,7 +212,7 @@ def _error_of_previous_model(
     return prediction_error(
         before,
         newest,
-        policy.inputs,
+        inputs,
         experience.spaces,
         settings.centres,
         priors,
@@ -229,36 +241,10 @@ def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
     raise ValueError("algorithm.step.rule: expected fixed or kl for model-based training, got line_search")
 
 
-def refit_policy(policy: GaussianPolicy, experience: RealExperience, inputs: Inputs) -> GaussianPolicy:
-    """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean near the action bounds.
-
-    The first episodes may have visited few states, so that another kernel fits now. If the mean is far beyond a bound,
-    exploration does not change the clipped action, and nothing can be learnt. The mean is therefore clipped to the
-    bounds plus one initial standard deviation at all visited points. Clipping to the bounds themselves is not needed,
-    and its kink would distort the learnt mean.
-    """
-    episodes = experience.episodes.with_inputs(policy.inputs)
-    old_points = points = episodes.flat(episodes.observations)
-    if inputs != policy.inputs:
-        episodes = experience.episodes.with_inputs(inputs)
-        points = episodes.flat(episodes.observations)
-    few = subsample(points, MOST_COMPARED)
-    own, kernel = policy.mean.kernel, experience.training.kernel.fit(points, inputs.ages)
-    if len(policy.mean.centres) == 0:
-        mean = Function.constant(kernel, points.shape[1], policy.mean.output_dim, policy.mean.bias)
-        return replace(policy, mean=mean, inputs=inputs)
-    if inputs == policy.inputs and _alignment(kernel(few, few), own(few, few)) > SAME_KERNEL:
-        kernel = own
-    means = policy.mean(old_points)
-    values = experience.spaces.clip_with_margin(means, np.sqrt(experience.first_variance))
-    if kernel is own and np.array_equal(values, means):
-        return policy
-    bias = policy.mean.bias
-    mean = experience.training.algorithm.space.fit(kernel, points, values - np.array(bias or 0.0))
-    return replace(policy, mean=replace(mean, bias=bias), inputs=inputs)
-
-
-def _alignment(gram: Array, other: Array) -> float:
-    r"""Return :math:`\langle K, K' \rangle_F / (\|K\|_F \|K'\|_F)` of two Gram matrices, 1 if they are equal."""
-    norms = np.linalg.norm(gram) * np.linalg.norm(other)
-    return float(np.sum(gram * other) / norms) if norms > 0 else float(np.array_equal(gram, other))
+def fresh_policy(policy: GaussianPolicy, experience: RealExperience, inputs: Inputs) -> GaussianPolicy:
+    """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean that is its bias."""
+    episodes = experience.episodes.with_inputs(inputs)
+    points = episodes.flat(episodes.observations)
+    kernel = experience.training.kernel.fit(points, inputs.ages)
+    mean = Function.constant(kernel, points.shape[1], policy.mean.output_dim, policy.mean.bias)
+    return replace(policy, mean=mean, inputs=inputs)

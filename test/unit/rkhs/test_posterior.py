@@ -134,7 +134,7 @@ def test_draws_have_the_mean_and_covariance_of_the_posterior(fit_with: FitWith, 
     fitted = fit_with(FULL[-1], x, y)
     drawn = fitted.draw(rng.standard_normal((rows, *fitted.draw_shape)))
     at = x[:8]  # in the span of the centres
-    values = np.stack([drawn.of_draw(row, at)[:, 0] for row in range(rows)])
+    values = drawn.along(at[None])[:, :, 0]
     mean, covariance = predicted(oracle(fitted, x, y), fitted, at)
     sd = np.sqrt(np.diag(covariance))
     # Margins of 4.5 standard errors: one in 3000 draws of 8 means and 36 covariances exceeds them.
@@ -151,7 +151,7 @@ def test_draws_spread_as_far_as_the_standard_deviation_says(rng: np.random.Gener
     far = 5.0 + 3.0 * (points_of(rng, 100) - 5.0)
     at = np.concatenate([points_of(rng, 100), far])
     drawn = fitted.draw(rng.standard_normal((draws, *fitted.draw_shape)))
-    spread = np.std([drawn.of_draw(row, at) for row in range(draws)], axis=0)
+    spread = np.std(drawn.along(at[None]), axis=0)
     ratios = spread / fitted.sd(at)
     # A finite number of waves represents the kernel approximately, best where they matter: outside the span.
     assert ratios.min() > 0.5
@@ -167,7 +167,7 @@ def test_the_part_of_a_draw_outside_the_span_vanishes_at_the_centres(rng: np.ran
     normals[:, :, : len(fitted.coefficients.mean)] = 0.0
     drawn = fitted.draw(normals)
     is_centre = (fitted.points.of(x)[:, None] == fitted.basis.centres).all(axis=2).any(axis=1)
-    off = np.abs(drawn.of_draw(0, x) - fitted.mean(x)) / fitted.targets.scale
+    off = np.abs(drawn.along(x[None])[0] - fitted.mean(x)) / fitted.targets.scale
     assert is_centre.sum() == 30
     assert off[is_centre].max() < 1e-6
     assert np.median(off[~is_centre]) > 1e-3
@@ -179,7 +179,7 @@ def test_a_draw_of_zeros_is_the_posterior_mean(rng: np.random.Generator, centres
     fitted = Posterior.fit(x, targets_of(rng, x, 3), centres)
     drawn = fitted.draw(np.zeros((len(x), *fitted.draw_shape)))
     np.testing.assert_allclose(drawn(x), fitted.mean(x), rtol=1e-9)
-    np.testing.assert_allclose(drawn.of_draw(3, x), fitted.mean(x), rtol=1e-9)
+    np.testing.assert_allclose(drawn.along(x[None])[3], fitted.mean(x), rtol=1e-9)
 
 
 @given(first=st.integers(0, 6), size=st.integers(1, 6), seed=st.integers(0, 99))
@@ -257,7 +257,7 @@ def test_constant_targets_are_predicted_without_uncertainty(rng: np.random.Gener
     drawn = fitted.draw(rng.standard_normal((3, *fitted.draw_shape)))
     margin = 1e-9 * abs(value) + 1e-99
     np.testing.assert_allclose(fitted.mean(x)[:, :40], value, atol=margin)
-    np.testing.assert_allclose(drawn.of_draw(0, x)[:, :40], value, atol=margin)
+    np.testing.assert_allclose(drawn.along(x[None])[0, :, :40], value, atol=margin)
     assert (fitted.sd(x)[:, :40] <= margin).all()
     np.testing.assert_allclose(fitted.mean(x)[:, 40:], alone.mean(x), rtol=1e-12)  # they do not affect the bandwidth
 

@@ -1,6 +1,6 @@
 """Training changes the policy's inputs when the data reveal angles or hidden states."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 
 import rkhs_ros
-from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import ModelBased, Training, training_from
-from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
-from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
@@ -94,41 +89,6 @@ def test_an_initial_policy_brings_the_inputs_that_were_found() -> None:
     for wrong in (training_with(discovery="none"), replace(training, inputs=Inputs(angles=(0.0,), turns=(360.0,)))):
         with pytest.raises(ValueError, match=r"^inputs: expected [^\n]+ like the initial policy, got"):
             first_state(wrong, spaces, given)
-
-
-@pytest.mark.parametrize("history", [1, 2])
-def test_a_policy_keeps_its_mean_at_visited_states_when_its_inputs_change(history: int) -> None:
-    before: list[GaussianPolicy] = []
-
-    @dataclass(frozen=True)
-    class Watched(RKHSNAC):
-        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-            if experience.iteration == 0:
-                before.append(policy)
-            return super().update(policy, experience)
-
-    known = replace(training_with(discovery="none"), inputs=Inputs(history=history))
-    (first,) = learn(replace(known, iterations=1))
-    old = replace(first.policy, mean=damping(history))
-    assert isinstance(known.model, ModelBased)
-    model = replace(known.model, discovery="angles")
-    changing = replace(known, iterations=2, algorithm=Watched(centres=60), model=model)
-    (after,) = learn(changing, replace(first.state, policy=old))
-    assert after.policy.inputs == Inputs(history=history, **ANGLE)
-    new, episodes = before[0], after.state.memory
-    values, kept = (p.mean(e.flat(e.observations)) for p in (old, new) for e in [episodes.with_inputs(p.inputs)])
-    assert new.mean.input_dim > old.mean.input_dim
-    assert values.std() > 0.3
-    assert np.sqrt(np.mean((kept - values) ** 2)) < 0.2 * values.std()  # the error of a fit with 60 centres
-
-
-def damping(history: int) -> Function:
-    """Return a mean that depends on the newest angular velocity alone, so it does not jump where the angle wraps."""
-    size = Inputs(history=history).dimension(2, 1)
-    velocity = size - (1 if history == 1 else 2)  # before the last action of a window
-    centres, bandwidths = np.zeros((2, size)), np.full(size, 1e3)
-    centres[:, velocity], bandwidths[velocity] = [-1.0, 1.0], 2.0
-    return Function(RBF(tuple(bandwidths)), centres, np.array([[3.0], [-3.0]]))
 
 
 class Stopping(stopping.Stopping):

@@ -13,7 +13,7 @@ from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.streams import Batch
+from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
@@ -140,6 +140,37 @@ def test_with_a_history_no_rollout_starts_from_a_visited_observation(rng: np.ran
     model = replace(DynamicsModel.fit(episodes, inputs, SPACES, 30), starts_vary=False)
     begins = ModelRunner(model).collect(policy_of(rng, inputs), batch_of(40)).observations[:, 0]
     assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}
+
+
+def test_rollouts_take_turns_in_the_worlds_that_they_share(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=2), Inputs(), SPACES, 20)
+    quiet = replace(model.state_delta, coefficients=model.state_delta.coefficients._replace(noise=np.zeros(2)))
+    model = replace(model, state_delta=quiet, starts=model.starts[:1], starts_vary=False)
+    runner = ModelRunner(model, visited_starts=False, worlds=[stream(3, "world", i) for i in range(2)])
+    policy = policy_of(rng)
+    rollouts = runner.collect(policy, Batch(5, 0, 6, HORIZON, explore=False))
+    for world in range(2):
+        alike = rollouts.take(np.arange(6) % 2 == world)
+        assert_bit_identical(alike, alike.take(np.zeros(3, dtype=int)))
+    assert not np.array_equal(rollouts.rewards[0], rollouts.rewards[1])
+    last = runner.collect(policy, Batch(5, 3, 3, HORIZON, explore=False))
+    assert_bit_identical(last, rollouts.take(slice(3, None)))
+
+
+def test_rollouts_earn_the_least_reward_once_they_reach_a_limit(rng: np.random.Generator) -> None:
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=20), Inputs(), SPACES, 40)
+    model = replace(model, starts=np.zeros((1, 2)), starts_vary=False)
+    model = replace(model, low=np.full(2, -np.inf), high=np.full(2, np.inf))
+    policy, batch = policy_of(rng), batch_of(40)
+    free = ModelRunner(model, visited_starts=False).collect(policy, batch)
+    farthest = np.abs(free.next_observations).max(axis=(1, 2))
+    limit = np.median(farthest)
+    range_ = {"low": np.full(2, -limit / 1.5), "high": np.full(2, limit / 1.5)}  # which may be exceeded by a quarter
+    rollouts = ModelRunner(replace(model, **range_), visited_starts=False).collect(policy, batch)
+    beyond = np.cumsum((np.abs(rollouts.next_observations) >= limit).any(axis=2), axis=1) > 0
+    np.testing.assert_array_equal(beyond.any(axis=1), farthest >= limit)
+    assert (rollouts.rewards[beyond] == model.reward_range[0]).all()
+    np.testing.assert_array_equal(rollouts.rewards[~beyond], free.rewards[~beyond])
 
 
 def test_caution_scales_the_spread_of_the_functions_and_0_gives_the_mean(rng: np.random.Generator) -> None:

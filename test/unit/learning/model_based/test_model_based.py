@@ -19,7 +19,6 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model_based.validation import Validation
-from rkhs_ros.learning.state import first_variance
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -187,20 +186,6 @@ def test_rollouts_terminate_at_once_if_all_real_episodes_did() -> None:
     assert rewards.min() - margin <= second.model_return <= rewards.max() + margin  # of one step
 
 
-def test_a_mean_far_beyond_the_bounds_is_pulled_back() -> None:
-    training = settings(iterations=1, algorithm={"centres": 60})
-    (first,) = learn(training)
-    mean = first.policy.mean.scale(30.0)
-    strayed = replace(first.state, policy=first.policy.with_mean(mean))
-    still = settings(iterations=2, algorithm={"centres": 60, "step": {"rule": "fixed", "size": 0.0}})
-    simulation = Simulation(PENDULUM)
-    (last,) = train(still, InlineRunner(simulation), strayed)
-    points = last.state.memory.flat(last.state.memory.observations)
-    before, after = mean(points), last.policy.mean(points)
-    near = simulation.spaces.clip_with_margin(before, np.sqrt(first_variance(training, simulation.spaces)))
-    assert np.median(np.abs(after - near)) < 0.1 * np.median(np.abs(before - near))  # except at the jump
-
-
 def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -> None:
     changes = ("algorithm.step={rule: line_search}", "--iterations", 1, "--out", "run")
     result = rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", *changes)
@@ -277,25 +262,6 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
     learn(replace(training, algorithm=Watched(centres=12)))
     assert set(lasted) == {steps}
     assert discount**steps < 0.05 or steps == 100
-
-
-def test_a_policy_whose_kernel_still_fits_keeps_its_mean() -> None:
-    means = []  # at the first update of each iteration
-
-    @dataclass(frozen=True)
-    class Watched(RKHSNAC):
-        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
-            if experience.iteration == 0:
-                means.append(policy.mean)
-            return super().update(policy, experience)
-
-    training = settings(kernel={"bandwidth": [1.0]}, exploration_sd=[1.0])
-    unbounded = partial(Odd, bounded=False)  # so that no mean is beyond a bound
-    iterations = learn(replace(training, algorithm=Watched(centres=12)), unbounded)
-    assert len(means) == ITERATIONS
-    for number, mean in enumerate(means[1:], 1):
-        earlier = [iteration.policy.mean for iteration in iterations[:number]]
-        assert any(np.array_equal(mean.weights, each.weights) for each in earlier)
 
 
 def test_exploration_in_the_model_decays_to_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
