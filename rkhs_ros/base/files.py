@@ -12,7 +12,7 @@ from typing import IO
 def write_whole(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file atomically; if that fails, the old file stays and no temporary file is left.
 
-    With `sync`, wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage
+    With ``sync``, wait until the content and the folder's entry are on disk; otherwise a power cut may lose or damage
     them.
     """
     aside = path.with_name(path.name + ".part")

@@ -70,7 +70,7 @@ def variant(default: Any, table: Mapping[str, type], key: str) -> Any:
 def build(cls: type[T], values: Tree, path: str = "") -> T:
     """Build a settings dataclass from a tree of values.
 
-    The values are plain, by field name, nested for nested settings; `path` is the dotted prefix for messages.
+    The values are plain, by field name, nested for nested settings; ``path`` is the dotted prefix for messages.
 
     Raises:
         ValueError: a key is unknown, or a value has the wrong type or is out of range; one line with a hint.

@@ -49,7 +49,7 @@ def user_module(module: str, remedy: str) -> ModuleType:
 def user_function(name: str, what: str) -> Callable[..., Any]:
     """Return the function with the name ``package.module:function``.
 
-    `what` is the setting that names it, for messages.
+    ``what`` is the setting that names it, for messages.
     """
     module, _, function = name.partition(":")
     require(bool(module and function), what, "MODULE:FUNCTION", name)

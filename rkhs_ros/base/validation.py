@@ -62,7 +62,7 @@ def pick(name: str, table: Mapping[str, T], kind: str) -> T:
 def hint(name: str, known: Mapping[str, Any], path: str = "") -> str:
     """Return "did you mean 'x'?" for similar names, or list the known names if they are few.
 
-    `path` is the prefix of the suggested names.
+    ``path`` is the prefix of the suggested names.
     """
     if near := nearest(name, known):
         return f"did you mean {' or '.join(repr(path + each) for each in near)}?"

@@ -234,11 +234,11 @@ def export_onnx(policy: Policy, file: Path) -> tuple[int, float]:
 
 
 def exported_actions(content: bytes, observations: Array) -> Array:
-    """Return the actions of an exported policy in a batch of episodes, shape (steps, batch, *action_shape).
+    """Return the actions of an exported policy in a batch of episodes, shape (steps, batch, ...).
 
     Args:
         content: content of the ONNX file.
-        observations: finite, shape (steps, batch, *observation_shape).
+        observations: finite, shape (steps, batch, ...).
     """
     require_extra("onnxruntime", "export", "export")
     import onnxruntime
@@ -278,7 +278,7 @@ def check_onnx(policy: Policy, content: bytes) -> tuple[int, float]:
 
 
 def random_observations(policy: Policy) -> Array:
-    """Return at least ``COUNT`` observations around the centres, shape (steps, episodes, *observation_shape).
+    """Return at least ``COUNT`` observations around the centres, shape (steps, episodes, ...).
 
     Angles are uniformly distributed over a full turn. The other columns are normally distributed: with the mean of the
     centres' column and ``SPREAD`` times its standard deviation, or, if the inputs are monomials or there are no

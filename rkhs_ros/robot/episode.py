@@ -149,7 +149,7 @@ class RobotEpisode:
     def proceed(self, now: float, sense: Callable[[], Reading]) -> bool:
         """Process events that are due at a monotonic time, seconds; return whether there is a new observation.
 
-        `sense` reads the sensors; it may raise SensingError. A failing function of the task raises RunError.
+        ``sense`` reads the sensors; it may raise SensingError. A failing function of the task raises RunError.
         """
         if self._due is None or self.over:
             return False

@@ -144,7 +144,7 @@ def rest_at(value: Array) -> Setpoint:
 
 
 def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None, periods: int = 1) -> Setpoint:
-    """Return the command some periods after `motion`, the previous one, when moving towards a goal.
+    """Return the command some periods after ``motion``, the previous one, when moving towards a goal.
 
     The goal has the shape (joints,); None means to come to rest: positions brake, other commands go to 0.
     """
@@ -161,10 +161,10 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None,
 
 
 def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
-    """Return the braking trajectory of position commands, equal to that of `advance` without a goal.
+    """Return the braking trajectory of position commands, equal to that of ``advance`` without a goal.
 
     Returns:
-        At most `most` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in
+        At most ``most`` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in
         the last all joints are at rest.
     """
     change = limits.acceleration * period

@@ -92,7 +92,7 @@ class ResetError(Exception):
 def path_home(home: Home, start: Array, elapsed: float) -> tuple[Joints, bool]:
     """Return the desired state on a smooth path home, at rest at both ends, and whether the path has ended.
 
-    The path is cubic in time, and no joint exceeds its speed. `start` has the shape (n,), `elapsed` is in seconds.
+    The path is cubic in time, and no joint exceeds its speed. ``start`` has the shape (n,), ``elapsed`` is in seconds.
     """
     way = np.broadcast_to(home.position, start.shape) - start
     seconds = max(PEAK * float((np.abs(way) / np.array(home.speed)).max()), 1e-9)

@@ -172,7 +172,7 @@ def missing_joints(joints: Iterable[str], names: Sequence[str]) -> str:
 class Sensors:
     """The sensors of a robot by name; an observation concatenates their values in the order of their names.
 
-    A message is stale after `stale_after` seconds.
+    A message is stale after ``stale_after`` seconds.
     """
 
     by_name: Mapping[str, Sensor]

@@ -28,7 +28,7 @@ def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
 def seconds_left(rows: Sequence[Row], iterations: int) -> float:
     """Return the predicted remaining time of a run in seconds; nan if there are fewer than two lines.
 
-    The rows are all or the last ones; `iterations` is the total number.
+    The rows are all or the last ones; ``iterations`` is the total number.
     """
     if len(rows) < 2:
         return NAN

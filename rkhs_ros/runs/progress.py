@@ -65,7 +65,7 @@ def progress_bar(
 ) -> Iterator[Show]:
     """Show the progress of a run on standard error; yield a function to call after each iteration.
 
-    A resumed run has `done` iterations; each line names the folder of the results.
+    A resumed run has ``done`` iterations; each line names the folder of the results.
     """
     console = bar_console(quiet=quiet)
     is_bar = console.is_terminal or console.is_jupyter

@@ -105,7 +105,7 @@ class Progress(NamedTuple):
 def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bool) -> Iterator[Progress]:
     """Record a run in its folder, or continue its recording; print a warning if it was recorded with other versions.
 
-    With `sync`, each message is synced to the disk, such as for a robot, whose episodes are costly.
+    With ``sync``, each message is synced to the disk, such as for a robot, whose episodes are costly.
 
     Raises:
         ValueError: the recording belongs to another run, or lacks episodes, or the environment has changed.
@@ -143,7 +143,7 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
 def state_of(recording: Recording, training: Training, spaces: Spaces, what: str) -> State:
     """Return the state of a run after the updates of its recording.
 
-    The recording has at least one update; `what` names it in error messages.
+    The recording has at least one update; ``what`` names it in error messages.
 
     Raises:
         ValueError: an episode is not recorded, or the recording is that of an offline run.

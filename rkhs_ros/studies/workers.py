@@ -32,7 +32,7 @@ def run_parallel(
 ) -> Iterator[T]:
     """Call a function in parallel and yield the results in order of completion.
 
-    The function is at the top level of a module, so that other processes can import it. `jobs` is the number of
+    The function is at the top level of a module, so that other processes can import it. ``jobs`` is the number of
     processes: 1 executes the calls in this process, None stands for one per core, and a text is the address of a Dask
     scheduler, whose cluster replaces this machine.
     """
