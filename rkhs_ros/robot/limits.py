@@ -164,8 +164,8 @@ def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[
     """Return the braking trajectory of position commands, equal to that of ``advance`` without a goal.
 
     Returns:
-        At most ``most`` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now; in
-        the last all joints are at rest.
+        At most ``most`` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now;
+        in the last one, all joints are at rest.
     """
     change = limits.acceleration * period
     speed = np.abs(motion.rate)
