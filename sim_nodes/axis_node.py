@@ -119,11 +119,8 @@ class AxisController(Node):  # type: ignore[misc]  # rclpy has no types
 def reward(times: Array, observed: Array) -> float:
     """Return the negative logarithm of a step's cost, the sum of mean error, overshoot and chatter of the force.
 
-    Costs of bad gains are greater by factors, whose sizes would otherwise hide the differences of good ones.
-
-    Args:
-        times: seconds since the start, shape (k,).
-        observed: position and force, shape (k, at least 2).
+    Costs of bad gains are greater by factors, whose sizes would otherwise hide the differences of good ones. The first
+    columns of ``observed`` are position and force.
     """
     position, force = observed[:, 0], observed[:, 1]
     error, overshoot = np.abs(position - TARGET).mean() / TARGET, max(0.0, position.max() - TARGET) / TARGET

@@ -48,7 +48,6 @@ class Recorder:
         self._file = file
         self._versions = {_digest(policy): version for version, policy in held.policies.items()}
         self._served = 0
-        self._newest: tuple[GaussianPolicy | None, int] = None, 0
         self._batches = len(held.batches)
         self._updates = max((update.iteration for update in held.updates), default=0)
 
@@ -85,14 +84,10 @@ class Recorder:
 
     def _version(self, policy: GaussianPolicy) -> int:
         """Return the version of a policy; record the policy if it is new."""
-        newest, version = self._newest
-        if policy is newest:
-            return version
         digest = _digest(policy)
         if digest not in self._versions:
             self._versions[digest] = len(self._versions) + 1
             self._write(policy_message(TYPES, policy, self._versions[digest]))
-        self._newest = policy, self._versions[digest]
         return self._versions[digest]
 
     def _write(self, message: Any, published: int | None = None) -> None:

@@ -12,7 +12,7 @@ from rkhs_ros.base.endings import error_message
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.policy_axes import PolicyAxes
 from rkhs_ros.pictures.policy_figure import draw_attempts, draw_policy
-from rkhs_ros.pictures.style import legend_above, sheet
+from rkhs_ros.pictures.style import legend_above, pixels, sheet
 from rkhs_ros.rollouts.visualization import BodyTrajectories
 from rkhs_ros.view.recorded import MODEL_ROLLOUTS, IterationView, Recorded
 from rkhs_ros.view.scenes import appearance_of
@@ -144,7 +144,7 @@ class IterationPanel:
         except Exception as error:  # from a user's task
             print(f"warning: {task.environment}: cannot show the episode ({error_message(error)})", file=sys.stderr)
         if isinstance(self._scene, Timeline):
-            self._stage.set_backdrop(self._scene.backdrop(*numbers))
+            self._stage.set_backdrop(pixels(self._scene.figure(*numbers)))
         self._frames = int(going.sum()) if self._motion is None else len(self._motion.times)
         self._frame.max, self._frame.disabled = max(self._frames - 1, 1), self._frames < 2
         self._frame.value = self._set_to = min(self._set_to, self._frames - 1)  # stays at the same moment

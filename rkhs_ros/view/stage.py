@@ -122,7 +122,7 @@ class Stage:
             for i, handle in enumerate(self._handles):
                 handle.visible = motion is not None
                 if motion is not None:
-                    _move(handle, motion.positions[frame, i], motion.orientations[frame, i])
+                    handle.position, handle.wxyz = motion.positions[frame, i], motion.orientations[frame, i]
             if self._mark is not None and len(self._points):
                 across, up = self._board * (self._points[min(step, len(self._points) - 1)] - 0.5)
                 lift = MARKER * self._board[0] * self._eye
@@ -179,11 +179,3 @@ def _added(scene: SceneApi, name: str, body: Body) -> Any:
     if isinstance(body, Surface):
         return scene.add_mesh_simple(name, body.vertices, body.faces, color=colour, visible=False)
     return scene.add_box(name, color=colour, dimensions=body.size, visible=False)
-
-
-def _move(handle: Any, place: Array, turn: Array) -> None:
-    """Move a body; send no message if it does not move."""
-    if not np.array_equal(handle.position, place):
-        handle.position = place
-    if not np.array_equal(handle.wxyz, turn):
-        handle.wxyz = turn

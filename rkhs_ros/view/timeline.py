@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from rkhs_ros.pictures.style import COLOURS, folded, pixels
+from rkhs_ros.pictures.style import COLOURS, folded
 from rkhs_ros.policies.inputs import Names
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive
@@ -46,10 +45,6 @@ class Timeline:
         positions = np.stack([across, np.full(count, -0.02), np.full(count, middle)], axis=1)[:, None]
         orientations = np.broadcast_to(NO_TURN, (count, 1, 4))
         return Poses(STEP_S * np.arange(count, dtype=np.float64), positions, orientations)
-
-    def backdrop(self, observations: Array, actions: Array) -> NDArray[np.uint8]:
-        """Return the picture of an episode, RGB of shape (height, width, 3)."""
-        return pixels(self.figure(observations, actions))
 
     def figure(self, observations: Array, actions: Array) -> Figure:
         """Return the figure of an episode: a row of bars for each observation, then for each action."""

@@ -14,9 +14,5 @@ SETTINGS: dict[str, type[RobotSettings]] = {"motor_pendulum": MotorPendulumSetti
 
 
 def settings_of(name: str, section: Mapping[str, Any]) -> RobotSettings:
-    """Return the settings of a robot from a section of a parameter file, which has no other keys.
-
-    Raises:
-        ValueError: the robot or a key is unknown, or a value is invalid.
-    """
+    """Return the settings of a robot from a section of a parameter file, which has no other keys."""
     return build(pick(name, SETTINGS, "robot"), section)

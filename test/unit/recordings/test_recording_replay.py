@@ -1,6 +1,5 @@
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.replay import DifferenceError, replay
 from rkhs_ros.runs.report import start_from
 from test.unit.conftest import Result, assert_refused
-from test.unit.recordings.recorded_runs import CONFIG, TRAINING, Robot, longer, recorded_run
+from test.unit.recordings.recorded_runs import Robot, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[3]
@@ -148,10 +147,3 @@ def test_replay_rejects_recordings_without_updates(whole: Path, tmp_path: Path, 
     messages = [message for message in read_messages(whole).messages if not message.kind.endswith("/Update")]
     MessageFile(tmp_path / "a.mcap", messages).close()
     assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected the recording of a run with updates, got no updates")
-
-
-def test_replay_does_not_depend_on_the_requested_number_of_iterations(tmp_path: Path) -> None:
-    stopped = replace(CONFIG, training=replace(TRAINING, iterations=9))
-    with pytest.raises(KeyboardInterrupt):
-        recorded_run(tmp_path / "run", stopped, Robot(11))
-    assert len(list(replay(read_recording(tmp_path / "run")))) == 2
