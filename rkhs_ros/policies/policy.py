@@ -69,12 +69,6 @@ class Policy:
         actions = self.spaces.shaped(self._held)
         return actions[0, ...] if one else actions
 
-    def __repr__(self) -> str:
-        """Return the environment and the dimensions of the policy in one line."""
-        mean = self.gaussian.mean
-        sizes = f"{mean.input_dim} inputs, {mean.output_dim} actions, {len(mean.centres)} centres"
-        return f"<Policy of {self.task.environment}: {sizes}>"
-
     def reset(self) -> None:
         """Clear the window and the repeated action before a new episode."""
         self._window = Window(self.gaussian.inputs, self.spaces.action_dim)

@@ -1,6 +1,7 @@
 """The robotic manipulation task of section 4.4 of the paper: a PR2 opens a door, with one action per episode."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,15 +86,12 @@ class PR2Door(VectorTask):
         self.pose_seed = pose_seed
         self.start = np.array(start, dtype=np.float64)
         self.outcomes: list[Outcome] = []
-        self._world: World | None = None
         self._is_drawn = False  # since the last step
 
-    @property
+    @cached_property
     def world(self) -> World:
         """The simulator."""
-        if self._world is None:
-            self._world = World()
-        return self._world
+        return World()
 
     def initial_states(self, noise: Array) -> Array:
         """Return the errors of the pose: x, y in metres, yaw in radians; shape (num_envs, 3)."""
@@ -119,7 +117,9 @@ class PR2Door(VectorTask):
         """
         self._is_drawn = False
         observations, rewards, _, over, _ = super().step(actions)
-        return observations, rewards, over, np.zeros_like(over), self._info() if over.all() else {}
+        names = ("success", "door_angle", "tracking_error") if over.all() else ()
+        info = {name: np.array([getattr(outcome, name) for outcome in self.outcomes]) for name in names}
+        return observations, rewards, over, np.zeros_like(over), info
 
     def change(self, actions: Array) -> Array:
         """Return the changes of the demonstration for actions, shape (2,) or (num_envs, 2)."""
@@ -142,9 +142,8 @@ class PR2Door(VectorTask):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the simulator."""
-        if self._world is not None:
-            self._world.close()
-        self._world = None
+        if world := self.__dict__.pop("world", None):
+            world.close()
 
     def bodies(self) -> list[Body]:
         """Return the visible bodies: the robot, the door and the wall."""
@@ -190,10 +189,6 @@ class PR2Door(VectorTask):
         else:
             positions, turned = trajectory.positions, np.stack([trajectory.door, trajectory.lever], axis=1)
         return BodyTrajectories(np.arange(len(positions)) / RATE, *self.world.poses(positions, turned, pose))
-
-    def _info(self) -> dict[str, Any]:
-        names = ("success", "door_angle", "tracking_error")
-        return {name: np.array([getattr(outcome, name) for outcome in self.outcomes]) for name in names}
 
 
 def tracking_error(trajectory: Trajectory, shown: Demonstration) -> float:
