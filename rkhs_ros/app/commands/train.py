@@ -179,14 +179,8 @@ def _is_over_topics(asked: str | None) -> bool:
 
 def _over_topics(config: Config, folder: Path, *, composed: bool, quiet: bool, tensorboard: bool) -> int:
     with reserved_domain(folder, default_domain(config)):
-        # The learner resumes a run that has started, so that one file serves all attempts.
-        given: dict[str, str | bool] = {
-            "output": str(folder.resolve()),
-            "quiet": quiet,
-            "tensorboard": tensorboard,
-            "resume": True,
-        }
-        file = write_parameters(config, folder / "parameters.yaml", **given)
+        how = {"quiet": quiet, "tensorboard": tensorboard, "resume": True}  # all attempts, if the run has started
+        file = write_parameters(config, folder / "parameters.yaml", output=str(folder.resolve()), **how)
         stored = Curve(folder / "curve.csv")
         return resuming(lambda: launch(config, file, composed=composed), lambda: len(stored.rows()))
 

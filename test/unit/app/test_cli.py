@@ -78,10 +78,6 @@ def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_options_may_stand_between_files(rkhs: Run) -> None:
-    assert_refused(rkhs("export", "none", "--task", "reach", "policy.txt"), "policy.txt: expected a file that ends in")
-
-
 @pytest.mark.parametrize("command", ["evaluate", "render", "plot"])
 def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_path: Path, command: str) -> None:
     run = tmp_path / "runs" / "one"
@@ -94,16 +90,6 @@ def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_p
     refusal = "policy.npz: expected a policy, got none since the run has not finished"
     assert_refused(rkhs(command, run), f"{refusal}. Continue with: rkhs train --resume {run}\n")
     assert_refused(rkhs("train", run), f"got a folder. To resume a run, use --resume {run}")
-
-
-def test_the_best_policy_of_an_unfinished_run_is_evaluated_with_a_note(rkhs: Run, tmp_path: Path) -> None:
-    assert rkhs("train", CONFIG, *SHORT, "--quiet", "--runner", "inline", "--out", "run").code == 0
-    (tmp_path / "run" / "policy.npz").unlink()  # as after a kill
-    best = rkhs("evaluate", "run/best_policy.npz", "--episodes", 2)
-    unfinished = rkhs("evaluate", "run", "--episodes", 2)
-    assert (unfinished.code, unfinished.out) == (0, best.out)
-    assert unfinished.err.startswith("note: run: the run has not finished; using its best policy so far. Continue with")
-    assert unfinished.err.count("note: run:") == 1
 
 
 # The table of commands

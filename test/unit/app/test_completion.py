@@ -14,7 +14,6 @@ CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("comp", {"compare "}),
         ("train --se", {"--seed", "--seeds", "--set"}),
         ("train mi", {"mine.yaml "}),
         ("publ", {""}),

@@ -108,6 +108,8 @@ def test_a_folder_is_not_overwritten_and_another_run_not_resumed(tmp_path: Path)
         rkhs_ros.train("rkhs/Toy-v0", out=run, **SHORT)
     with pytest.raises(ValueError, match="seed: expected 4 as at the start of the run, got 5"):
         rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, **{**SHORT, "seed": 5})
+    with pytest.raises(ValueError, match=r"policy: expected none, or the initial policy of the run in .*, got another"):
+        rkhs_ros.train("rkhs/Toy-v0", out=run, resume=True, policy=run / "policy.npz", **SHORT)
     assert (run / "curve.csv").read_bytes() == before
     other.mkdir()
     (other / "notes.txt").write_text("mine")

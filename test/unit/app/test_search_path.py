@@ -64,12 +64,6 @@ def test_commands_without_an_environment_import_no_named_module(rkhs: Rkhs) -> N
     assert not Path("imported").exists()
 
 
-@pytest.mark.usefixtures("foreign_run")
-def test_a_configuration_on_the_command_line_may_name_modules_of_the_current_folder(rkhs: Rkhs) -> None:
-    assert rkhs("train", "run/config.yaml", *INLINE, "--out", "again").code == 0
-    assert Path("imported").exists()
-
-
 def test_a_started_process_searches_where_this_one_does_and_nothing_in_the_folder_hides_another_module() -> None:
     Path("theirs.py").write_text("import json, sys; print(json.__name__, sys.argv)\n")
     Path("json.py").write_text("raise SystemExit('hidden')\n")

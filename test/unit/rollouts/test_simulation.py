@@ -125,12 +125,6 @@ def test_training_closes_the_environments_that_it_creates(robot: str, source: An
     gymnasium.make(robot)
 
 
-def test_rejected_environments_are_closed(robot: str) -> None:
-    with pytest.raises(ValueError, match="actions: expected a continuous space"):
-        Simulation(robot, {"actions": 2})
-    assert not Robot.is_in_use
-
-
 @pytest.mark.parametrize(("is_vector", "batches"), [(False, MOST_VECTORS + 2), (True, 2)])
 def test_a_passed_environment_stays_open(robot: str, is_vector: bool, batches: int) -> None:
     passed: Any = SyncVectorEnv([Robot]) if is_vector else gymnasium.make(robot)

@@ -80,7 +80,10 @@ def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) ->
         ("simulator: {}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
         ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),
-        (MINIMAL + "learner: {ros__parameters: {seeds: 1}}", r"unknown key 'seeds', did you mean 'seed'\?"),
+        (
+            MINIMAL + "learner: {ros__parameters: {seeds: 1}}",
+            r"my_run\.yaml: unknown key 'seeds', did you mean",
+        ),
     ],
 )
 def test_an_invalid_configuration_file_is_rejected_in_one_line(write: Any, text: str, message: str) -> None:

@@ -1,6 +1,5 @@
 import csv
 from collections.abc import Callable
-from dataclasses import replace
 from math import inf, nan, sqrt
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import BEGINNING
-from rkhs_ros.runs.report import evaluation_bounds, summary
+from rkhs_ros.runs.report import evaluation_bounds
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import model_free
 
@@ -84,19 +83,6 @@ def test_a_run_writes_its_curve_and_policy(
     assert task == CONFIG.task
     saved, learnt = arrays_of(policy), arrays_of(iterations[-1].policy)
     assert all(saved[name].tobytes() == learnt[name].tobytes() for name in learnt)
-
-
-def test_the_summary_contains_the_first_and_the_last_return(tmp_path: Path, runner: InlineRunner) -> None:
-    for iterations in (1, 2):
-        config = replace(CONFIG, training=replace(TRAINING, iterations=iterations))
-        folder = run_training(config, runner, tmp_path / str(iterations), quiet=True)
-        rows = rows_of(folder)
-        before, after = float(rows[0]["exploration_return"]), float(rows[-1]["evaluation_return"])
-        total = float(rows[-1]["undiscounted_evaluation_return"])
-        text = summary(folder, config)
-        assert f"Trained on rkhs/Toy-v0 for {3 * iterations} episodes and {2 * iterations} evaluation episodes" in text
-        returns = f"{before:.4g} in the first iteration, {after:.4g} (undiscounted {total:.4g}) in the last evaluation"
-        assert f"Discounted return: {returns}" in text
 
 
 def row(evaluated: int, value: float, sd: float) -> Row:
