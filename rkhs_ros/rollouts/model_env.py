@@ -75,9 +75,9 @@ class LearntModel:
             f" horizon {self.horizon}, action_repeat {self.action_repeat}>"
         )
 
-    def as_env(self, caution: float = 1.0) -> ModelEnv:
-        """Return the model as a Gymnasium environment; see `ModelEnv` for the argument and its errors."""
-        return ModelEnv(self, caution)
+    def as_env(self) -> ModelEnv:
+        """Return the model as a Gymnasium environment."""
+        return ModelEnv(self)
 
 
 class ModelEnv(gymnasium.Env[Values, Values]):
@@ -85,24 +85,16 @@ class ModelEnv(gymnasium.Env[Values, Values]):
 
     Each episode draws from the random stream ``np_random`` an initial observation like those of real episodes,
     functions from the posterior, and the noise of all steps.
-
-    Args:
-        model: the model.
-        caution: factor on the deviation of the drawn functions from their posterior mean; 0 for the mean.
-
-    Raises:
-        ValueError: the caution is invalid.
     """
 
     metadata: Info = {"render_modes": []}
 
-    def __init__(self, model: LearntModel, caution: float = 1.0) -> None:
-        require(isinstance(caution, float | int) and 0.0 <= caution < np.inf, "caution", "a number >= 0", caution)
+    def __init__(self, model: LearntModel) -> None:
         self._dynamics, spaces = model.dynamics, model.dynamics.spaces
         self.observation_space = Box(-np.inf, np.inf, spaces.observation_shape, np.float64)
         self.action_space = Box(spaces.action_low, spaces.action_high, dtype=spaces.action_low.dtype.type)
         self._horizon = model.horizon
-        self._runner = ModelRunner(self._dynamics, caution)
+        self._runner = ModelRunner(self._dynamics)
         self._draws: Draws | None = None
         self._step = 0
 

@@ -61,7 +61,7 @@ def model_of(rng: np.random.Generator, inputs: Inputs = Inputs()) -> LearntModel
 @pytest.mark.parametrize("inputs", INPUTS.values(), ids=INPUTS)
 def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Generator, inputs: Inputs) -> None:
     model, policy = model_of(rng, inputs), policy_of(rng, inputs)
-    environment, runner, terminated = model.as_env(caution=1.5), ModelRunner(model.dynamics, 1.5), 0
+    environment, runner, terminated = model.as_env(), ModelRunner(model.dynamics), 0
     for number in range(20):
         batch = Batch(7, 4 * number, 1, HORIZON, explore=True)  # of these numbers, which start like real episodes
         expected, acting = runner.collect(policy, batch), Acting(policy, batch, explore=True)
@@ -89,6 +89,3 @@ def test_the_environment_follows_gymnasium(rng: np.random.Generator) -> None:
         model.as_env().step(np.zeros(1))
     with pytest.warns(UserWarning, match="infinity"):  # the bounds of the observations are not known
         check_env(model.as_env(), skip_render_check=True)
-    for caution in (-1.0, np.nan, np.inf, "no"):
-        with pytest.raises(ValueError, match=rf"^caution: expected a number >= 0, got {caution}$"):
-            model.as_env(caution)  # type: ignore[arg-type]
