@@ -1,10 +1,10 @@
-"""The gate node: it commands a robot within limits, and stops it whichever node is killed."""
+"""The gate node: it commands a robot within limits, stops it whichever node is killed, and brakes before it ends."""
 
 import os
 import signal
 import time
 from collections.abc import Callable
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from rkhs_interfaces.msg import GateReport
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
+from test.ros.conftest import Process
 from test.ros.gate_bench import BASE, CALM, POSITION, TIMEOUT, TRAJECTORY, Robot, begin, written
 
 __all__ = ["begin"]
@@ -221,3 +222,51 @@ def test_unusable_sensors_of_the_robot_node_prevent_arming(begin: Begin) -> None
         robot.probe.until(lambda: refused(reason))  # noqa: B023  # awaited in this step
         obstacles.publish(String(data=""))
         robot.probe.until(lambda: robot.arm() == "holding")
+
+
+ACCELERATION, SPEED = 5.0, 1.5
+VELOCITY = CALM | {
+    "command": {"topic": "commands", "kind": "velocity"},
+    "limits": {"minimum": [-2.0], "maximum": [2.0], "acceleration": [ACCELERATION]},
+}
+
+
+@pytest.fixture
+def moving(begin: Begin, start: Any) -> tuple[Process, Any]:
+    """A gate that may fail, in a process of its own, and its robot in motion."""
+    gate, robot = begin(VELOCITY, process="failing_gate")
+    assert robot.arm() == "holding"
+    start("sender", SPEED, 7)
+    robot.probe.until(lambda: bool(robot.sent) and robot.sent[-1].message.data[0] == SPEED)
+    return gate, robot
+
+
+@pytest.mark.parametrize("how", ["SIGHUP", "SIGQUIT", "callback", "check", "executor"])
+def test_a_gate_that_ends_brakes_first(moving: tuple[Process, Any], how: str) -> None:
+    gate, robot = moving
+    if how.startswith("SIG"):
+        gate.popen.send_signal(signal.Signals[how])
+    else:
+        faults = robot.probe.create_publisher(String, "fail", 1)
+        robot.probe.until(lambda: faults.get_subscription_count() > 0)
+        faults.publish(String(data=how))
+    robot.probe.until(lambda: gate.popen.poll() is not None)
+    robot.probe.until(lambda: robot.sent[-1].message.data[0] == 0.0)
+    assert (gate.finish()[0] == 0) == how.startswith("SIG")
+    sent = [(each.number, each.message.data[0]) for each in robot.sent]
+    steps = [abs(after - before) for (one, before), (two, after) in pairwise(sent) if two == one + 1]
+    assert max(steps) <= ACCELERATION * PERIOD + 1e-9
+
+
+def test_a_second_gate_exits_and_user_signals_are_ignored(
+    moving: tuple[Process, Any], start: Any, tmp_path: Path
+) -> None:
+    gate, robot = moving
+    code, _, err = start("gate", "--ros-args", "--params-file", written(tmp_path, VELOCITY)).finish()
+    assert code == 1
+    assert "error: expected one gate node, got another one that is already running" in err
+    for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGTSTP):
+        gate.popen.send_signal(number)
+    sent = len(robot.sent)
+    robot.probe.until(lambda: len(robot.sent) > sent + 20)
+    assert (gate.popen.poll(), robot.states[-1].state) == (None, "moving")
