@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from rkhs_ros.base.files import sync_to_disk
 from rkhs_ros.base.validation import require
@@ -85,20 +85,9 @@ class RecordingRunner:
         return episodes
 
 
-class Progress(NamedTuple):
-    """What a run has reached when it begins or resumes.
-
-    Attributes:
-        runner: runner that records the further episodes.
-        state: state of the run.
-        rows: rows of its learning curve.
-        policies: policies after its iterations.
-    """
-
-    runner: RecordingRunner
-    state: State
-    rows: Sequence[Row]
-    policies: Sequence[GaussianPolicy]
+# What a run has reached when it begins or resumes: the runner of the further episodes, the state, and the rows and the
+# policies of the finished iterations.
+Progress = tuple[RecordingRunner, State, Sequence[Row], Sequence[GaussianPolicy]]
 
 
 @contextmanager
@@ -134,7 +123,7 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
         if is_new:
             recorder.begin(head)
         policies = [held.policies[update.policy_version] for update in held.updates]
-        yield Progress(RecordingRunner(runner, recorder, file, later), state, _rows(held, folder), policies)
+        yield RecordingRunner(runner, recorder, file, later), state, _rows(held, folder), policies
     finally:
         runner.record = record_before
         recorder.close()

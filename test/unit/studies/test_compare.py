@@ -79,13 +79,6 @@ def test_intervals_are_percentiles_of_bootstrap_means() -> None:
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.05 * (high - low))
 
 
-def test_a_single_run_has_no_interval() -> None:
-    single = aggregates(np.array([10.0]), np.array([[3.0]]))
-    assert (single["final"].value, single["median"], single["area_under_curve"]) == (3.0, 3.0, 3.0)
-    assert np.isnan([single["final"].low, single["final"].high, single["best"].low]).all()
-    assert str(single["final"]) == "3"
-
-
 # Selection of runs
 
 
