@@ -175,25 +175,20 @@ class Source:
 
     def line(self, flaw: str = "") -> str:
         """Return the state of the source in one line."""
-        topic = self._node.resolve_topic_name(self._topic)
+        topic, infos = self._node.resolve_topic_name(self._topic), self._node.get_publishers_info_by_topic(self._topic)
         if not self._times:
-            return f"{topic}: no messages, {self._published()}; topics of {self._kind}: {self._alternatives()}"
+            whose = ", ".join(sorted({f"{full_name(info)} as {info.topic_type}" for info in infos}))
+            published = f"published by {whose}" if whose else "no publishers"
+            return f"{topic}: no messages, {published}; topics of {self._kind}: {self._alternatives()}"
         seconds = self._times[-1] - self._times[0]
         rate = (len(self._times) - 1) / seconds if seconds else 0.0
         age = time.monotonic() - self._times[-1]
         how = "silent" if self.is_silent else "received"
-        infos = self._node.get_publishers_info_by_topic(self._topic)
         several = f"; {len(infos)} publishers: {', '.join(sorted(map(full_name, infos)))}" if len(infos) > 1 else ""
         return f"{topic}: {how}, {rate:.3g} Hz, last {age:.2f} s ago{several}" + f"; {flaw}" * bool(flaw)
 
-    def _published(self) -> str:
-        infos = self._node.get_publishers_info_by_topic(self._topic)
-        whose = sorted({f"{full_name(info)} as {info.topic_type}" for info in infos})
-        return f"published by {', '.join(whose)}" if whose else "no publishers"
-
     def _alternatives(self) -> str:
+        """Return the topics on which a node publishes messages of this type."""
         topics = [topic for topic, kinds in self._node.get_topic_names_and_types() if self._kind in kinds]
-        return ", ".join(filter(self._is_published, topics)) or "none"
-
-    def _is_published(self, topic: str) -> bool:
-        return any(info.topic_type == self._kind for info in self._node.get_publishers_info_by_topic(topic))
+        published = {t: {info.topic_type for info in self._node.get_publishers_info_by_topic(t)} for t in topics}
+        return ", ".join(topic for topic in topics if self._kind in published[topic]) or "none"
