@@ -116,7 +116,9 @@ class Pendulum(DrawnTask):
             np.multiply(0.05, columns[1], out=drift[0])
             columns = columns + drift
             columns += kick
-            self._bound(columns)
+            if self.angle == "wrap":
+                columns[0] = wrapped(columns[0])
+            columns = clip(columns, LOW, HIGH)
         return columns.T
 
     def reward(self, states: Array, actions: Array) -> Array:  # noqa: D102
@@ -140,12 +142,6 @@ class Pendulum(DrawnTask):
         radii = np.array([0.5, 1.0, 0.0, 0.55, *[0.5] * BEADS])
         depth = np.array([0.0, 0.0, 0.0, 0.1, *[-0.12] * BEADS])
         return in_plane(radii * np.sin(angles), depth, radii * np.cos(angles), angles)
-
-    def _bound(self, columns: Array) -> None:
-        if self.angle == "wrap":
-            columns[0] = wrapped(columns[0])
-        np.maximum(columns, LOW, out=columns)
-        np.minimum(columns, HIGH, out=columns)
 
 
 class PendulumPOMDP(Pendulum):

@@ -100,6 +100,8 @@ class Camera:
         self.place = (low + high) / 2 + np.max(extents / TANGENT + near) * towards
         self.size = size
         self._rays = FINER * size[0], FINER * size[1]
+        light = np.array([-0.4, 0.7, 1.0]) @ self.axes  # behind the camera, above it and to its left
+        self._towards_light = light / np.linalg.norm(light)
 
     def picture(self, bodies: list[Body], positions: Array, orientations: Array) -> Pixels:
         """Return the RGB picture of bodies, shape (height, width, 3).
@@ -125,12 +127,6 @@ class Camera:
             colours[window] = np.where(nearer[..., None], light[..., None] * paint, colours[window])
         fine = colours.reshape(self.size[1], FINER, self.size[0], FINER, 3)
         return np.asarray(fine.mean(axis=(1, 3)).round().astype(np.uint8))
-
-    @property
-    def _towards_light(self) -> Array:
-        """The direction towards the light, a unit vector: behind the camera, above it and to its left."""
-        light = np.array([-0.4, 0.7, 1.0]) @ self.axes
-        return np.asarray(light / np.linalg.norm(light))
 
     def _seen(self, points: Array) -> Array:
         """Return the columns and rows of the rays through points of shape (k, 3)."""

@@ -173,14 +173,11 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         self._noise_used += 1
         return np.asarray(self._noise[self._noise_used - 1])
 
-    def _seeds(self, seed: int | list[int] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int):
-            return [seed + index for index in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seeds: expected {self.num_envs}, one for each environment, got {len(seed)}")
-        return list(seed)
+    def _seeds(self, seed: int | list[int] | None) -> list[Any]:
+        seeds = seed if isinstance(seed, list) else [seed if seed is None else seed + i for i in range(self.num_envs)]
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seeds: expected {self.num_envs}, one for each environment, got {len(seeds)}")
+        return seeds
 
 
 class DrawnTask(VectorTask):

@@ -158,8 +158,7 @@ class Wire(Generic[T]):
 class Hardware:
     """A robot with its communication, advanced to a given time step by step.
 
-    Owns the robot, the wires, and the numbers of steps and received commands. It has no clock; the caller passes the
-    time.
+    Owns the robot, the wires, and the numbers of steps and received commands. The caller passes the time.
     """
 
     def __init__(self, robot: Robot) -> None:
