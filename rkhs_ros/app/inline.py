@@ -11,6 +11,8 @@ from gymnasium import registry
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy
@@ -63,6 +65,12 @@ def warn_of_horizon(simulation: Simulation, horizon: int) -> None:
     else:
         return
     print(f"note: horizon: {note}", file=sys.stderr)
+
+
+def iterations(config: Config) -> Iterator[Iteration]:
+    """Run the training of a configuration, and yield each iteration."""
+    with runner_of(config.environment) as runner:
+        yield from train(config.training, runner)
 
 
 def add_environment_argument(parser: argparse.ArgumentParser) -> None:
