@@ -18,6 +18,11 @@ MAX_CACHED = 12  # iterations in memory
 PANEL_WIDTH_PX = 390
 CURVE_IN, CURVE_DPI = (5.6, 4.0), 140  # size of the curve, and its resolution on sharp screens
 RECENT = 6  # iterations whose episodes are drawn, including the selected one
+# Below this width, viser puts a narrow panel over the lower part of the scene: widen it, and end the scene above it.
+ON_PHONE = """<style>@media (max-width: 36em) {
+  [style*="width: 20em"] { width: 100% !important; }
+  [style*="inset"]:has(> canvas) { bottom: 60% !important; }
+}</style>"""
 WORST_FIRST = ("error", "warning", "ok")
 MAX_NODES = 12  # shown, worst first
 MAX_LETTERS = 160  # of a node's message
@@ -114,6 +119,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         gui.set_panel_label(source.name)
+        gui.add_html(ON_PHONE)
         self._status = gui.add_markdown("")
         self.nodes = NodesPanel(gui, open_reports)
         self._curve: Any = None
