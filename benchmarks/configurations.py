@@ -215,12 +215,10 @@ HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst",
 
 
 def as_markdown(results: Iterable[Result]) -> str:
-    """Return one table per pair of thresholds."""
+    """Return one table per pair of thresholds of which there are results."""
     found = summaries(results)
-    return "\n".join(
-        _table(thresholds, {name: each for name, each in found.items() if is_of(name, thresholds)})
-        for thresholds in dict.fromkeys(THRESHOLDS.values())
-    )
+    tables = {t: {name: each for name, each in found.items() if is_of(name, t)} for t in THRESHOLDS.values()}
+    return "\n".join(_table(thresholds, its) for thresholds, its in tables.items() if its)
 
 
 def is_of(name: str, thresholds: tuple[float, ...]) -> bool:

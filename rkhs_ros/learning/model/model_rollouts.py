@@ -50,7 +50,6 @@ class ModelRunner:
 
     Args:
         model: model of the task.
-        caution: factor on the deviation of the drawn functions from their mean.
         optimism: additional reward of a step per relative standard deviation of the changes that the model predicts,
             so that the policy explores states that were not visited yet.
         visited_starts: let a quarter of the rollouts start from visited observations.
@@ -61,14 +60,12 @@ class ModelRunner:
     def __init__(
         self,
         model: DynamicsModel,
-        caution: float = 1.0,
         *,
         optimism: float = 0.0,
         visited_starts: bool = True,
         worlds: Sequence[np.random.Generator] = (),
     ) -> None:
         self._model = model
-        self._caution = caution
         self._optimism = optimism
         self._visited_starts = visited_starts
         self._worlds = self._functions(list(worlds)) if worlds else None
@@ -143,7 +140,7 @@ class ModelRunner:
 
     def _drawn(self, posterior: Posterior, streams: list[np.random.Generator]) -> DrawnFunctions:
         normals = np.stack([own.standard_normal(posterior.draw_shape) for own in streams])
-        return posterior.draw(self._caution * normals)
+        return posterior.draw(normals)
 
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, draws: Draws

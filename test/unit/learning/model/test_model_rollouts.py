@@ -17,6 +17,7 @@ from rkhs_ros.policies.streams import Batch, stream
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
+from rkhs_ros.rkhs.posterior import Posterior
 
 SPACES = Spaces((2,), np.array([-1.0]), np.array([1.0]))
 NOISE = np.array([0.02, 0.05])
@@ -173,23 +174,29 @@ def test_rollouts_earn_the_least_reward_once_they_reach_a_limit(rng: np.random.G
     np.testing.assert_array_equal(rollouts.rewards[~beyond], free.rewards[~beyond])
 
 
-def test_caution_scales_the_spread_of_the_functions_and_0_gives_the_mean(rng: np.random.Generator) -> None:
+def certain(posterior: Posterior) -> Posterior:
+    """Return a posterior whose draws are its mean."""
+    zero = np.zeros_like(posterior.coefficients.sd)
+    return replace(posterior, coefficients=posterior.coefficients._replace(sd=zero, signal=zero[0]))
+
+
+def test_the_functions_of_rollouts_spread_around_the_mean(rng: np.random.Generator) -> None:
     model = DynamicsModel.fit(simulated_episodes(rng, rows=2), Inputs(), SPACES, 20)
     quiet = replace(model.state_delta, coefficients=model.state_delta.coefficients._replace(noise=np.zeros(2)))
     model = replace(model, state_delta=quiet, low=np.full(2, -np.inf), high=np.full(2, np.inf))
     still, batch = policy_of(rng), batch_of(400, horizon=1)
 
-    def changes_under(caution: float) -> tuple[np.ndarray, np.ndarray]:
-        rollouts = ModelRunner(model, caution).collect(still, batch)
+    def changes_in(model: DynamicsModel) -> tuple[np.ndarray, np.ndarray]:
+        rollouts = ModelRunner(model).collect(still, batch)
         points = points_of(rollouts.observations[:, 0], rollouts.actions[:, 0], SPACES)
         return rollouts.final_observations - rollouts.observations[:, 0], points
 
-    certain, points = changes_under(0.0)
-    np.testing.assert_allclose(certain, model.state_delta.mean(points), atol=1e-9)
-    once, twice = changes_under(1.0)[0] - certain, changes_under(2.0)[0] - certain
-    np.testing.assert_allclose(twice, 2.0 * once, atol=1e-9)
+    mean, points = changes_in(replace(model, state_delta=certain(model.state_delta)))
+    np.testing.assert_allclose(mean, model.state_delta.mean(points), atol=1e-9)
     expected = np.sqrt(np.mean(model.state_delta.sd(points) ** 2, axis=0))
-    np.testing.assert_allclose(once.std(axis=0), expected, rtol=0.2)  # 7 % for 400 draws, and the waves' error
+    np.testing.assert_allclose(
+        (changes_in(model)[0] - mean).std(axis=0), expected, rtol=0.2
+    )  # 7 % for 400 draws, and the waves' error
 
 
 def test_rollouts_terminate_like_the_task(rng: np.random.Generator) -> None:
@@ -293,9 +300,10 @@ def test_changes_are_functions_of_the_policy_inputs(rng: np.random.Generator) ->
     inputs = Inputs(history=3, angles=(0.0,))
     model = DynamicsModel.fit(simulated_episodes(rng, rows=30), inputs, SPACES, 40)
     still = model.state_delta.coefficients._replace(noise=np.zeros(2))
-    model = replace(model, state_delta=replace(model.state_delta, coefficients=still))
+    delta = replace(model.state_delta, coefficients=still)
+    model = replace(model, state_delta=certain(delta), rewards=certain(model.rewards))
     policy = policy_of(rng, inputs)
-    rollouts = ModelRunner(model, caution=0.0).collect(policy, batch_of(10))
+    rollouts = ModelRunner(model).collect(policy, batch_of(10))
     windows = inputs.unfold(rollouts.observations, rollouts.actions)
     explored = policy.exploration(batch_of(10))
     for t in range(HORIZON):

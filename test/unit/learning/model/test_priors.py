@@ -24,6 +24,7 @@ from test.unit.learning.model.test_model_rollouts import (
     OVER,
     SPACES,
     batch_of,
+    certain,
     linear,
     policy_of,
     simulated_episodes,
@@ -89,7 +90,8 @@ def test_prior_dynamics_leave_only_the_noise(rng: np.random.Generator) -> None:
 def test_prior_and_learnt_dynamics_add_up(rng: np.random.Generator) -> None:
     half = Priors(dynamics_fn=lambda observations, actions: 0.5 * moved(observations, actions))
     model = DynamicsModel.fit(simulated_episodes(rng, rows=40), Inputs(), SPACES, 40, half)
-    rollouts = ModelRunner(model, caution=0.0).collect(policy_of(rng), batch_of(50))
+    model = replace(model, state_delta=certain(model.state_delta))
+    rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(50))
     now, actions, following = transitions(rollouts)
     inside = (np.abs(following[:, 0]) < 0.9 * model.high[0]) & (np.abs(following[:, 1]) < 0.9 * model.high[1])
     np.testing.assert_allclose(following[inside], linear(now, actions)[inside], atol=0.3)
