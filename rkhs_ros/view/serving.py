@@ -26,7 +26,7 @@ BEGIN_TIMEOUT_S = 30.0  # for a run to start
 END_MESSAGE_S = 0.3  # for the browsers to receive the last message
 CURVE_DPI = 110
 STYLE = """
-body { font-family: sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; }
+body { font-family: sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; overflow-wrap: anywhere; }
 img { max-width: 100%; }
 iframe { width: 100%; height: 620px; border: 1px solid #ccc; }
 """

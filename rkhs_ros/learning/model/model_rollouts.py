@@ -46,7 +46,8 @@ class ModelRunner:
     random stream. Episodes do not depend on each other, so splitting a batch gives bit-identical results.
 
     The model knows little far from the data, and its limits there are walls that the task does not have. From the step
-    on at which a rollout reaches them, it earns the least observed reward, so that policies do not exploit them.
+    on at which a rollout reaches them, it earns the least observed reward, so that policies do not exploit them, unless
+    optimism asks for what is unknown.
 
     Args:
         model: model of the task.
@@ -175,8 +176,9 @@ class ModelRunner:
         earned = self._rewards(observations, points, draws.rewards)
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
-        beyond = np.logical_or.accumulate(self.reach_limits(observations), axis=1)
-        earned = np.where(beyond, self.least_reward, earned)
+        else:
+            beyond = np.logical_or.accumulate(self.reach_limits(observations), axis=1)
+            earned = np.where(beyond, self.least_reward, earned)
         return self._cut(observations, actions, earned, draws.limits)
 
     def reach_limits(self, observations: Array) -> NDArray[np.bool_]:
