@@ -49,7 +49,8 @@ def test_every_node_reports_its_status_and_refusals_and_the_learner_its_curve(
 
     def told() -> bool:
         probe.say("action", Action(batch=3))  # again and again, since others may be refused after it
-        return "batch 3, step 0" in hearing.value("/simulator", "last refusal")
+        refusal = hearing.value("/simulator", "last refusal")
+        return refusal.startswith("action: expected batch ") and "batch 3, step 0" in refusal
 
     probe.until(told)
     probe.until(lambda: progress[-1].iteration > 1)
@@ -58,4 +59,3 @@ def test_every_node_reports_its_status_and_refusals_and_the_learner_its_curve(
     assert [str(each) for each in last.last_exploration_returns] == [
         row["exploration_return"] for row in rows[: last.iteration]
     ]
-    assert hearing.value("/simulator", "last refusal").startswith("action: expected batch ")
