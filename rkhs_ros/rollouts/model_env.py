@@ -96,13 +96,12 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         self._horizon = model.horizon
         self._runner = ModelRunner(self._dynamics)
         self._draws: Draws | None = None
-        self._step = 0
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Values, Info]:
         """Start an episode; without a seed, continue the random stream. Options are ignored."""
         super().reset(seed=seed)
-        self._now = self._start = self._dynamics.draw_start(self.np_random)[None]
-        self._draws, self._step, self._is_beyond = self._runner.draw([self.np_random], self._horizon), 0, False
+        self._path = self._dynamics.draw_start(self.np_random)[None, None]  # observations so far, shape (1, t + 1, d)
+        self._draws = self._runner.draw([self.np_random], self._horizon)
         self._window = Window(self._dynamics.inputs, self._dynamics.spaces.action_dim)
         return self._observation(), {}
 
@@ -119,17 +118,15 @@ class ModelEnv(gymnasium.Env[Values, Values]):
         good = given.size == size and bool(np.isfinite(given).all())
         require(good, "action", f"{size} finite numbers", given.tolist())
         flat = given.reshape(1, size)
-        inputs = self._window.observed(self._now)
+        inputs = self._window.observed(self._path[:, -1])
         self._window.acted(flat)
-        made = self._runner.step(self._draws, np.array([self._step]), inputs, self._now, flat)
-        self._is_beyond |= bool(self._runner.reach_limits(np.stack([self._start, made.final_observations], axis=1)))
-        self._now, self._step = made.final_observations, self._step + 1
-        reward = self._runner.least_reward if self._is_beyond else float(made.rewards[0, 0])
-        ends = bool(made.terminated[0]), self._step == self._horizon
+        made = self._runner.step(self._draws, self._path, inputs, flat)
+        self._path = np.concatenate([self._path, made.final_observations[:, None]], axis=1)
+        ends = bool(made.terminated[0]), self._path.shape[1] > self._horizon
         if any(ends):
             self._draws = None
-        return self._observation(), reward, *ends, {}
+        return self._observation(), float(made.rewards[0, 0]), *ends, {}
 
     def _observation(self) -> Values:
-        now: Values = self._now[0]
+        now: Values = self._path[0, -1]
         return now.reshape(self.observation_space.shape or ()).copy()

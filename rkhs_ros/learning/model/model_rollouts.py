@@ -76,17 +76,13 @@ class ModelRunner:
         """Shape of an observation and bounds of the actions."""
         return self._model.spaces
 
-    @property
-    def least_reward(self) -> float:
-        """Reward of the steps of a rollout from the one on that reached a limit of the model."""
-        return self._model.reward_range[0]
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Run the episodes of a batch with the policy."""
         streams = [stream(batch.seed, "imagination", episode) for episode in batch.episodes]
         starts = self._starts(batch, streams)
         draws = self.draw(streams, batch.horizon, self._shared(batch))
-        return self._judged(*self._roll_out(policy, batch, starts, draws), draws)
+        observations, actions, points = self._roll_out(policy, batch, starts, draws)
+        return self._judged(observations, actions, points, draws, self._beyond(observations))
 
     def draw(self, streams: list[np.random.Generator], horizon: int, functions: Functions | None = None) -> Draws:
         """Draw the functions, unless they are given, and the noise of one episode from each random stream."""
@@ -109,19 +105,18 @@ class ModelRunner:
         changes, rewards = self._model.state_delta, self._model.rewards
         return self._drawn(changes, streams), None if rewards is None else self._drawn(rewards, streams)
 
-    def step(self, draws: Draws, steps: NDArray[np.int_], inputs: Array, now: Array, actions: Array) -> Episodes:
+    def step(self, draws: Draws, path: Array, inputs: Array, actions: Array) -> Episodes:
         """Advance each rollout by one step; return these steps as N episodes of one step.
 
         Args:
             draws: draws of the rollouts.
-            steps: number of earlier steps of each rollout, shape (N,).
+            path: observations of the rollouts so far, shape (N, t + 1, d).
             inputs: inputs of the policy, shape (N, q).
-            now: current observations, shape (N, d).
             actions: actions, clipped to their bounds here, shape (N, n).
         """
-        noise = draws.noise[np.arange(len(steps)), steps]
-        points, after = self._advance(draws, noise, inputs, now, actions)
-        return self._judged(np.stack([now, after], axis=1), actions[:, None], points[:, None], draws)
+        points, after = self._advance(draws, draws.noise[:, path.shape[1] - 1], inputs, path[:, -1], actions)
+        path = np.concatenate([path, after[:, None]], axis=1)
+        return self._judged(path[:, -2:], actions[:, None], points[:, None], draws, self._beyond(path)[:, -1:])
 
     def _starts(self, batch: Batch, streams: list[np.random.Generator]) -> Array:
         """Return the first observations of the episodes.
@@ -171,24 +166,21 @@ class ModelRunner:
         points = points_of(inputs, actions, model.spaces)
         return points, model.predict(now, points[:, -actions.shape[1] :], draws.changes(points) + noise)
 
-    def _judged(self, observations: Array, actions: Array, points: Array, draws: Draws) -> Episodes:
+    def _judged(
+        self, observations: Array, actions: Array, points: Array, draws: Draws, beyond: NDArray[np.bool_]
+    ) -> Episodes:
         """Return the episodes of rollouts with their rewards, each truncated where the model terminates it."""
         earned = self._rewards(observations, points, draws.rewards)
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
         else:
-            beyond = np.logical_or.accumulate(self.reach_limits(observations), axis=1)
-            earned = np.where(beyond, self.least_reward, earned)
+            earned = np.where(beyond, self._model.reward_range[0], earned)
         return self._cut(observations, actions, earned, draws.limits)
 
-    def reach_limits(self, observations: Array) -> NDArray[np.bool_]:
-        """Return whether steps end at a limit of the model at which their rollout did not start, shape (N, H).
-
-        Args:
-            observations: shape (N, H + 1, d).
-        """
+    def _beyond(self, observations: Array) -> NDArray[np.bool_]:
+        """Return whether rollouts have, by the end of each step, reached a limit at which they did not start."""
         at_limits = self._model.at_limits(observations)
-        return np.asarray((at_limits[:, 1:] & ~at_limits[:, :1]).any(axis=2))
+        return np.logical_or.accumulate((at_limits[:, 1:] & ~at_limits[:, :1]).any(axis=2), axis=1)
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""

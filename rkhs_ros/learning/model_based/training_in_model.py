@@ -90,7 +90,7 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         history = settings.discovery == "all"
         inputs = discover_inputs(inputs, episodes, spaces, history=history, given=training.inputs)
     if experience.may_explore or inputs != policy.inputs or not policy.mean.weights.any():
-        start = fresh_policy(policy, experience, inputs)
+        start = _fresh_policy(policy, experience, inputs)
     else:
         start = policy
     priors = settings.priors(spaces.observation_dim)
@@ -241,7 +241,7 @@ def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
     raise ValueError("algorithm.step.rule: expected fixed or kl for model-based training, got line_search")
 
 
-def fresh_policy(policy: GaussianPolicy, experience: RealExperience, inputs: Inputs) -> GaussianPolicy:
+def _fresh_policy(policy: GaussianPolicy, experience: RealExperience, inputs: Inputs) -> GaussianPolicy:
     """Return the policy with the inputs, a kernel fitted to all episodes so far, and a mean that is its bias."""
     episodes = experience.episodes.with_inputs(inputs)
     points = episodes.flat(episodes.observations)

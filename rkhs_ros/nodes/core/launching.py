@@ -35,7 +35,7 @@ def description(prepare: Callable[[Given], tuple[Collection[str], Path]], **defa
     """Return a description that starts the nodes of a run; all exit with the first one that exits.
 
     Args:
-        prepare: returns, for the arguments, the nodes that replace the simulator, and the parameter file.
+        prepare: takes the arguments; returns the nodes of the robot, none for a simulation, and the parameter file.
         defaults: further arguments and their default values; None for those that are required.
     """
     defaults |= DEFAULTS

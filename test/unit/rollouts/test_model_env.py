@@ -1,5 +1,7 @@
 """Episodes in a dynamics model as an environment are those of `ModelRunner`, and follow Gymnasium's conventions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
@@ -60,8 +62,21 @@ def model_of(rng: np.random.Generator, inputs: Inputs = Inputs()) -> LearntModel
 
 @pytest.mark.parametrize("inputs", INPUTS.values(), ids=INPUTS)
 def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Generator, inputs: Inputs) -> None:
-    model, policy = model_of(rng, inputs), policy_of(rng, inputs)
-    environment, runner, terminated = model.as_env(), ModelRunner(model.dynamics), 0
+    assert_like_the_runner(model_of(rng, inputs), policy_of(rng, inputs))
+
+
+def test_an_episode_beyond_the_limits_is_that_of_the_runner(rng: np.random.Generator) -> None:
+    model = model_of(rng)
+    narrow = replace(model.dynamics, low=np.array([-2.0, -0.4]), high=np.array([2.0, 0.4]))
+    least = narrow.reward_range[0]
+    earned = assert_like_the_runner(LearntModel(narrow, HORIZON, 1), policy_of(rng, Inputs()))
+    assert 0.1 < np.mean(np.concatenate(earned) == least) < 0.9
+    assert any(least not in each for each in earned)
+
+
+def assert_like_the_runner(model: LearntModel, policy: GaussianPolicy) -> list[np.ndarray]:
+    """Compare twenty episodes, and return their rewards."""
+    environment, runner, terminated, earned = model.as_env(), ModelRunner(model.dynamics), 0, []
     for number in range(20):
         batch = Batch(7, 4 * number, 1, HORIZON, explore=True)  # of these numbers, which start like real episodes
         expected, acting = runner.collect(policy, batch), Acting(policy, batch, explore=True)
@@ -80,7 +95,9 @@ def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Gen
         with pytest.raises(ResetNeeded):
             environment.step(action)
         terminated += ends
+        earned.append(expected.rewards[0, : expected.count])
     assert 0 < terminated < 20
+    return earned
 
 
 def test_the_environment_follows_gymnasium(rng: np.random.Generator) -> None:
