@@ -11,14 +11,12 @@ from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.rkhs.function import FixedBasis, Function, grid
-from rkhs_ros.rkhs.kernels import Array, Kernel, Polynomial
-from rkhs_ros.rkhs.pursuit import pursue, sparsify
-from rkhs_ros.rkhs.regression import ridge_regression
+from rkhs_ros.rkhs.function import Function, grid
+from rkhs_ros.rkhs.kernels import Array, Polynomial
+from rkhs_ros.rkhs.pursuit import sparsify
 
 LINEAR = Polynomial(0.0, 1)
 MAX_GRID_CENTRES = 100_000
-FIT_RIDGE = 1e-6  # penalty on the squared norm of a fitted function, relative to the mean squared residual
 
 
 class FunctionSpace(Protocol):
@@ -35,9 +33,6 @@ class FunctionSpace(Protocol):
             direction: a function of the space.
             points: points at which the mean's values are fitted, shape (samples, d).
         """
-
-    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Fit a function of the space with another kernel to values, shape (n, k), at points."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +63,6 @@ class Sparse:
         fit = sparsify(mean, points, budget=self.centres)
         return policy.with_mean(fit.function), fit.error
 
-    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Fit a function with few centres to values by kernel matching pursuit."""
-        return pursue(kernel, points, values, points, budget=self.centres, ridge=FIT_RIDGE).function
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -94,12 +85,6 @@ class Grid:
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
         """Return the policy with the direction's weights added, and an error of 0."""
         return policy.with_mean(policy.mean + direction), 0.0
-
-    def fit(self, kernel: Kernel, points: Array, values: Array) -> Function:
-        """Fit a function with the grid's centres to values by ridge regression."""
-        basis = FixedBasis(kernel, self.centres(points.shape[1]))
-        features = basis(points)
-        return basis.function(ridge_regression(features, values, np.full(features.shape[1], FIT_RIDGE)))
 
     def centres(self, d: int) -> Array:
         """Return the points of the grid over d inputs, shape (m, d).
