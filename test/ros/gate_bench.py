@@ -22,11 +22,7 @@ from test.ros.conftest import Probe, Process
 
 TIMEOUT = 1.0  # of commands and sensors: a busy machine is no reason to stop
 FLOATS, TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
-OUTPUTS = {
-    FLOATS: Float64MultiArray,
-    TRAJECTORY: JointTrajectory,
-    "geometry_msgs/msg/TwistStamped": TwistStamped,
-}
+OUTPUTS = {FLOATS: Float64MultiArray, TRAJECTORY: JointTrajectory, "geometry_msgs/msg/TwistStamped": TwistStamped}
 POSITION = {
     "joints": ["a"],
     "command": {"topic": "commands", "kind": "position"},

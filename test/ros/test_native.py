@@ -31,10 +31,7 @@ def refusal(process: Process) -> str:
 
 
 def test_a_node_refuses_invalid_arguments_in_one_line(start: Start) -> None:
-    plain, unreadable = (
-        start("learner", "run.yaml"),
-        start("learner", "--ros-args", "--params-file", "nowhere.yaml"),
-    )
+    plain, unreadable = (start("learner", "run.yaml"), start("learner", "--ros-args", "--params-file", "nowhere.yaml"))
     assert "--ros-args --params-file run.yaml" in refusal(plain)
     assert "error: nowhere.yaml: cannot read the parameter file: No such file" in refusal(unreadable)
 

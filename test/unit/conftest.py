@@ -45,58 +45,46 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-@pytest.fixture
-def random_policy(rng: np.random.Generator) -> Callable[..., GaussianPolicy]:
-    def make(
-        d: int = 2, n: int = 2, m: int = 5, *, kernel: Kernel | None = None, learnt: bool = False
-    ) -> GaussianPolicy:
-        kernel = kernel or RBF((1.0,))
-        mean = Function(kernel, rng.normal(size=(m, d)), rng.normal(size=(m, n)), tuple(np.linspace(0.1, 0.5, n)))
-        if not learnt:
-            return GaussianPolicy(mean, ConstantVariance(rng.uniform(0.5, 2.0, n)))
-        centres, mass, values = rng.normal(size=(m, d)), rng.uniform(0.1, 1, m), rng.uniform(0, 2, (m, n))
-        return GaussianPolicy(mean, KernelVariance(kernel, centres, mass, values, np.full(n, 0.1), np.full(n, 1.5)))
-
-    return make
+def random_policy(
+    rng: np.random.Generator, d: int = 2, n: int = 2, m: int = 5, *, kernel: Kernel | None = None, learnt: bool = False
+) -> GaussianPolicy:
+    kernel = kernel or RBF((1.0,))
+    mean = Function(kernel, rng.normal(size=(m, d)), rng.normal(size=(m, n)), tuple(np.linspace(0.1, 0.5, n)))
+    if not learnt:
+        return GaussianPolicy(mean, ConstantVariance(rng.uniform(0.5, 2.0, n)))
+    centres, mass, values = rng.normal(size=(m, d)), rng.uniform(0.1, 1, m), rng.uniform(0, 2, (m, n))
+    return GaussianPolicy(mean, KernelVariance(kernel, centres, mass, values, np.full(n, 0.1), np.full(n, 1.5)))
 
 
-@pytest.fixture
-def random_episodes(rng: np.random.Generator) -> Callable[..., Episodes]:
-    """Episodes under a policy; masked ones end at random steps, with zeros after it."""
-
-    def make(policy: GaussianPolicy, n: int = 6, horizon: int = 8, *, masked: bool = False) -> Episodes:
-        observations = rng.normal(size=(n, horizon, policy.mean.input_dim))
-        flat = observations.reshape(n * horizon, -1)
-        actions = policy.act(flat, rng.standard_normal((len(flat), policy.mean.output_dim))).reshape(n, horizon, -1)
-        ends = rng.integers(1, horizon + 1, n) if masked else np.full(n, horizon)
-        mask = np.arange(horizon) < ends[:, None]
-        return Episodes.without_ends(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
-
-    return make
+def random_episodes(
+    rng: np.random.Generator, policy: GaussianPolicy, n: int = 6, horizon: int = 8, *, masked: bool = False
+) -> Episodes:
+    """Return episodes under a policy; masked ones end at random steps, with zeros after it."""
+    observations = rng.normal(size=(n, horizon, policy.mean.input_dim))
+    flat = observations.reshape(n * horizon, -1)
+    actions = policy.act(flat, rng.standard_normal((len(flat), policy.mean.output_dim))).reshape(n, horizon, -1)
+    ends = rng.integers(1, horizon + 1, n) if masked else np.full(n, horizon)
+    mask = np.arange(horizon) < ends[:, None]
+    return Episodes.without_ends(observations, actions, np.where(mask, rng.uniform(size=(n, horizon)), 0.0), mask)
 
 
-@pytest.fixture
-def learn() -> Callable[..., Update]:
-    """An update from episodes; nothing is remembered, and there are no fresh episodes, unless they are given."""
+def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
+    raise AssertionError(f"asked for {episodes} episodes")
 
-    def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
-        raise AssertionError(f"asked for {episodes} episodes")
 
-    def update(
-        algorithm: Algorithm,
-        policy: GaussianPolicy,
-        episodes: Episodes,
-        discount: float = 0.99,
-        *,
-        memory: Episodes | None = None,
-        collect: Callable[[GaussianPolicy, int], Episodes] = refuse,
-        iteration: int = 0,
-    ) -> Update:
-        remembered = episodes.take(slice(0)) if memory is None else memory
-        first_variance = np.ones(policy.mean.output_dim)
-        return algorithm.update(policy, Experience(episodes, discount, remembered, collect, first_variance, iteration))
-
-    return update
+def learn(
+    algorithm: Algorithm,
+    policy: GaussianPolicy,
+    episodes: Episodes,
+    discount: float = 0.99,
+    *,
+    memory: Episodes | None = None,
+    collect: Callable[[GaussianPolicy, int], Episodes] = refuse,
+) -> Update:
+    """Update from episodes; nothing is remembered, and there are no fresh episodes, unless they are given."""
+    remembered = episodes.take(slice(0)) if memory is None else memory
+    first_variance = np.ones(policy.mean.output_dim)
+    return algorithm.update(policy, Experience(episodes, discount, remembered, collect, first_variance, 0))
 
 
 @pytest.fixture
@@ -105,20 +93,15 @@ def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
-@pytest.fixture
-def arrays_of() -> Callable[[Any], dict[str, np.ndarray]]:
-    """All arrays inside nested dataclasses, by dotted name."""
-
-    def walk(value: Any, path: str = "") -> dict[str, np.ndarray]:
-        if isinstance(value, np.ndarray):
-            return {path: value}
-        if isinstance(value, tuple):
-            return {k: v for i, each in enumerate(value) for k, v in walk(each, f"{path}.{i}").items()}
-        if not is_dataclass(value):
-            return {}
-        return {k: v for f in fields(value) for k, v in walk(getattr(value, f.name), f"{path}.{f.name}").items()}
-
-    return walk
+def arrays_of(value: Any, path: str = "") -> dict[str, np.ndarray]:
+    """Return all arrays inside nested dataclasses, by dotted name."""
+    if isinstance(value, np.ndarray):
+        return {path: value}
+    if isinstance(value, tuple):
+        return {k: v for i, each in enumerate(value) for k, v in arrays_of(each, f"{path}.{i}").items()}
+    if not is_dataclass(value):
+        return {}
+    return {k: v for f in fields(value) for k, v in arrays_of(getattr(value, f.name), f"{path}.{f.name}").items()}
 
 
 class Result(NamedTuple):

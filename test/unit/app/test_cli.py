@@ -13,12 +13,11 @@ from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.app.commands import train
 from rkhs_ros.base import validation
 from rkhs_ros.base.yaml_text import read_sections
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.conftest import Result, assert_refused
+from test.unit.conftest import Result, assert_refused, random_policy
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 SHORT = ("--runner", "inline", "--iterations", "2")
@@ -28,9 +27,9 @@ Run = Callable[..., Result]
 
 
 @pytest.fixture
-def policy_file(random_policy: Callable[..., GaussianPolicy], tmp_path: Path) -> Path:
+def policy_file(rng: np.random.Generator, tmp_path: Path) -> Path:
     path = tmp_path / "toy.npz"
-    save_policy(path, random_policy(d=1, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
+    save_policy(path, random_policy(rng, d=1, n=1), Task("rkhs/Toy-v0", {}, 20, 0.9))
     return path
 
 
@@ -174,9 +173,7 @@ def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.Monkey
 # Pictures and evaluation of a policy
 
 
-def test_evaluate_measures_with_and_without_discount(
-    rkhs: Run, policy_file: Path, random_policy: Callable[..., GaussianPolicy]
-) -> None:
+def test_evaluate_measures_with_and_without_discount(rkhs: Run, policy_file: Path, rng: np.random.Generator) -> None:
     values = json.loads(rkhs("evaluate", policy_file, "--episodes", 5, "--discount", 0.5).out)
     policy, task = load_policy(policy_file)
     rewards = InlineRunner(Simulation("rkhs/Toy-v0")).collect(policy, Batch(0, 0, 5, 20, explore=False)).rewards

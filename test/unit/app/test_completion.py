@@ -13,11 +13,7 @@ CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [
-        ("train --se", {"--seed", "--seeds", "--set"}),
-        ("train mi", {"mine.yaml "}),
-        ("publ", {""}),
-    ],
+    [("train --se", {"--seed", "--seeds", "--set"}), ("train mi", {"mine.yaml "}), ("publ", {""})],
 )
 def test_argcomplete_completes_commands_options_choices_and_files(
     words: str, expected: set[str], tmp_path: Path

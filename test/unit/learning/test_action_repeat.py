@@ -11,11 +11,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.step_rules import LineSearch
-from rkhs_ros.learning.discovery import (
-    change_per_decision,
-    choose_action_repeat,
-    correct_action_repeat,
-)
+from rkhs_ros.learning.discovery import change_per_decision, choose_action_repeat, correct_action_repeat
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
 from rkhs_ros.learning.replay import check_actions

@@ -1,29 +1,23 @@
 """Policies fitted to demonstrations."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from sklearn.kernel_ridge import KernelRidge
 
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.imitation import Imitation
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.episode_files import load_episodes, save_episodes
+from test.unit.conftest import random_episodes, random_policy
 
-MakePolicy = Callable[..., GaussianPolicy]
-MakeEpisodes = Callable[..., Episodes]
 SPACES = Spaces.unbounded(2, 2)
 
 
-def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
-    random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    shown = random_episodes(random_policy(), n=5, horizon=6, masked=True)
+def test_with_all_states_as_centres_it_is_kernel_ridge_regression(rng: np.random.Generator) -> None:
+    shown = random_episodes(rng, random_policy(rng), n=5, horizon=6, masked=True)
     points, actions = shown.flat(shown.observations), shown.flat(shown.actions)
     fitted = Imitation(centres=len(points), ridge=0.01, kernel=KernelChoice(bandwidth=(0.7,))).fit(shown, SPACES)
     oracle = KernelRidge(alpha=0.01 * len(points), kernel="rbf", gamma=0.5 / 0.7**2).fit(points, actions)
@@ -33,10 +27,8 @@ def test_with_all_states_as_centres_it_is_kernel_ridge_regression(
     np.testing.assert_allclose(fitted.variance(x)[0], np.mean(residual**2, axis=0))
 
 
-def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
-    random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    decided = random_episodes(random_policy(), n=5, horizon=6)
+def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(rng: np.random.Generator) -> None:
+    decided = random_episodes(rng, random_policy(rng), n=5, horizon=6)
     fitted = Imitation(action_repeat=3, centres=10).fit(decided.held(3, 18), SPACES)
     alike = Imitation(centres=10).fit(decided, SPACES)
     assert fitted.action_repeat == 3
@@ -45,10 +37,8 @@ def test_an_imitated_policy_that_holds_its_actions_is_fitted_to_its_decisions(
     assert np.array_equal(fitted.variance.values, alike.variance.values)
 
 
-def test_saved_episodes_are_read_back_with_optional_fields_missing(
-    tmp_path: Path, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    shown, task = random_episodes(random_policy(), masked=True), Task("Pendulum-v1", {"g": 9.0}, 8, 0.9)
+def test_saved_episodes_are_read_back_with_optional_fields_missing(tmp_path: Path, rng: np.random.Generator) -> None:
+    shown, task = random_episodes(rng, random_policy(rng), masked=True), Task("Pendulum-v1", {"g": 9.0}, 8, 0.9)
     save_episodes(tmp_path / "e.npz", shown, task)
     back, known = load_episodes(tmp_path / "e.npz")
     assert known == task

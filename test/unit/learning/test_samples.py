@@ -1,16 +1,13 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.regression import ridge_regression
-from test.unit.conftest import inner
+from test.unit.conftest import inner, random_episodes, random_policy
 
 
 @given(n=st.integers(1, 30), p=st.integers(1, 8), k=st.integers(1, 3), weighted=st.booleans(), seed=st.integers(0, 999))
@@ -27,15 +24,13 @@ def test_ridge_regression_is_least_squares_on_the_augmented_system(
 
 
 @pytest.fixture
-def policy(random_policy: Callable[..., GaussianPolicy]) -> GaussianPolicy:
-    return random_policy()
+def policy(rng: np.random.Generator) -> GaussianPolicy:
+    return random_policy(rng)
 
 
-def test_score_features_are_coordinates_of_the_score(
-    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
-) -> None:
+def test_score_features_are_coordinates_of_the_score(policy: GaussianPolicy, rng: np.random.Generator) -> None:
     # With as many centres as samples, <w, K(s, .) u> = w(s) . u for every w in their span.
-    episodes = random_episodes(policy, 3, 4, masked=True)
+    episodes = random_episodes(rng, policy, 3, 4, masked=True)
     samples = Samples.in_newton_basis(policy, episodes, centres=12)
     coefficients = rng.normal(size=(samples.features.shape[1], 2))
     w = samples.basis.function(coefficients)
@@ -50,9 +45,9 @@ def test_score_features_are_coordinates_of_the_score(
 
 @pytest.mark.parametrize("block_rows", [1, 8, 20, 1000])
 def test_trajectory_features_by_blocks_are_bit_identical(
-    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], monkeypatch: pytest.MonkeyPatch, block_rows: int
+    policy: GaussianPolicy, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, block_rows: int
 ) -> None:
-    samples = Samples.in_newton_basis(policy, random_episodes(policy, 9, 4, masked=True), centres=5)
+    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 9, 4, masked=True), centres=5)
     monkeypatch.setattr("rkhs_ros.learning.samples.BLOCK_ROWS", block_rows)
     discounted = 0.9 ** samples.episodes.steps[:, None] * samples.score_features
     expected = np.add.reduceat(discounted, samples.episodes.begins, axis=0)
@@ -60,9 +55,9 @@ def test_trajectory_features_by_blocks_are_bit_identical(
 
 
 def test_samples_contain_the_inputs_and_exploration_of_the_policy(
-    policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
+    policy: GaussianPolicy, rng: np.random.Generator
 ) -> None:
-    episodes = random_episodes(policy, 4, 5, masked=True)
+    episodes = random_episodes(rng, policy, 4, 5, masked=True)
     samples = Samples.in_newton_basis(policy, episodes, centres=3)
     assert len(samples.observations) == episodes.mask.sum()
     acted = policy.mean(samples.observations) + samples.exploration
@@ -71,20 +66,16 @@ def test_samples_contain_the_inputs_and_exploration_of_the_policy(
     assert {tuple(c) for c in samples.basis.centres} <= {tuple(o) for o in samples.observations}
 
 
-def test_the_time_features_span_the_quadratic_polynomials(
-    policy: GaussianPolicy, random_episodes: Callable[..., Episodes]
-) -> None:
-    features = Samples.in_newton_basis(policy, random_episodes(policy, 2, 6), centres=3).time_features
+def test_the_time_features_span_the_quadratic_polynomials(policy: GaussianPolicy, rng: np.random.Generator) -> None:
+    features = Samples.in_newton_basis(policy, random_episodes(rng, policy, 2, 6), centres=3).time_features
     t = np.tile(np.arange(6.0), 2)
     for target in (np.ones(12), t, t**2):
         np.testing.assert_allclose(features @ np.linalg.lstsq(features, target)[0], target, atol=1e-9)
     assert np.linalg.matrix_rank(features) == 3
 
 
-def test_samples_on_given_centres_use_their_kernel_functions(
-    policy: GaussianPolicy, random_episodes: Callable[..., Episodes], rng: np.random.Generator
-) -> None:
-    episodes, centres = random_episodes(policy, 3, 4, masked=True), rng.normal(size=(5, 2))
+def test_samples_on_given_centres_use_their_kernel_functions(policy: GaussianPolicy, rng: np.random.Generator) -> None:
+    episodes, centres = random_episodes(rng, policy, 3, 4, masked=True), rng.normal(size=(5, 2))
     samples, other = Samples.on_centres(policy, episodes, centres), Samples.in_newton_basis(policy, episodes, 5)
     for row, s in zip(samples.features, episodes.flat(episodes.observations), strict=True):
         np.testing.assert_allclose(row, np.exp(-0.5 * np.sum((centres - s) ** 2, axis=1)), rtol=1e-12)

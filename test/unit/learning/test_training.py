@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from rkhs_ros.rkhs.kernels import RBF, median_bandwidth
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import load_config
-from test.unit.conftest import model_free
+from test.unit.conftest import arrays_of, model_free
 
 SHORT = model_free(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
 CONFIG = Path(__file__).parents[3] / "config"
@@ -115,9 +114,7 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
 @pytest.mark.parametrize(
     ("algorithm", "every"), [(RKHSNAC(), 0), (RKHSNAC(), 2), (RKHSNAC(step=LineSearch(choices=2)), 1)]
 )
-def test_exploring_episodes_that_run_ahead_are_bit_identical(
-    algorithm: RKHSNAC, every: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
-) -> None:
+def test_exploring_episodes_that_run_ahead_are_bit_identical(algorithm: RKHSNAC, every: int) -> None:
     training = replace(SHORT, algorithm=algorithm, evaluate_every=every)
     one_by_one, together = Watching(num_envs=5), Watching(num_envs=6)
     for one, other in zip(train(training, one_by_one), train(training, together), strict=True):
@@ -144,9 +141,7 @@ def test_the_median_bandwidth_of_the_first_iteration_does_not_change() -> None:
 
 
 @pytest.mark.parametrize("done", [1, 2])
-def test_a_run_resumes_from_any_state_bit_identically(
-    done: int, arrays_of: Callable[[Any], dict[str, np.ndarray]]
-) -> None:
+def test_a_run_resumes_from_any_state_bit_identically(done: int) -> None:
     runner = Watching()
     whole = list(train(SHORT, runner))
     asked = len(runner.batches)

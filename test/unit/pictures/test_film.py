@@ -20,12 +20,11 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.conftest import Result, assert_refused, command_line
+from test.unit.conftest import Result, assert_refused, command_line, random_policy
 
 pytestmark = pytest.mark.slow
 
 TOY = Task("rkhs/Toy-v0", {}, 20, 0.99)
-Make = Callable[..., GaussianPolicy]
 Run = Callable[..., Result]
 
 
@@ -104,11 +103,11 @@ def striped(frames: int) -> Film:
 
 @pytest.mark.parametrize("environment", ["rkhs/Toy-v0", "rkhs/Pendulum-v0"])
 def test_the_film_shows_what_the_environment_renders_in_the_evaluation_episode(
-    random_policy: Make, environment: str
+    rng: np.random.Generator, environment: str
 ) -> None:
     single = gymnasium.make(environment, render_mode="rgb_array")
     d, task = sum(single.observation_space.shape or ()), Task(environment, {}, 20, 0.99)
-    policy, batch = random_policy(d=d, n=1), Batch(4, 0, 1, 20, explore=False)
+    policy, batch = random_policy(rng, d=d, n=1), Batch(4, 0, 1, 20, explore=False)
     shot = film(policy, task, seed=4, frames=200)
     episodes = InlineRunner(Simulation(environment)).collect(policy, batch)
     single.reset(seed=batch.environment_seeds()[0])
@@ -180,10 +179,7 @@ def test_render_writes_beside_the_policy_or_into_a_given_folder(rkhs: Run, tmp_p
     ("task", "message"),
     [
         (Task("test/Dark-v0", {}, 5, 0.9), "test/Dark-v0: expected an environment with render mode rgb_array, got"),
-        (
-            Task("test/Grey-v0", {"installed": False}, 5, 0.9),
-            "a rendered frame, got DependencyNotInstalled",
-        ),
+        (Task("test/Grey-v0", {"installed": False}, 5, 0.9), "a rendered frame, got DependencyNotInstalled"),
         (Task("rkhs/None-v0", {}, 5, 0.9), "unknown environment 'rkhs/None-v0'"),
     ],
 )

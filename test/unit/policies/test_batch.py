@@ -11,7 +11,8 @@ from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.streams import Batch, stream, stream_seed
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.rollouts.test_inline_runner import ARRAYS, MakePolicy
+from test.unit.conftest import random_policy
+from test.unit.rollouts.test_inline_runner import ARRAYS
 
 numbers = st.integers(0, 2**63 - 100)  # the numbers of all parts must stay below 2^63
 
@@ -63,10 +64,10 @@ def test_streams_have_stable_names() -> None:
 @pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
 @pytest.mark.parametrize("num_envs", [0, 4])
 def test_a_mixed_batch_is_bit_identical_to_separate_batches(
-    random_policy: MakePolicy, learnt: bool, num_envs: int
+    rng: np.random.Generator, learnt: bool, num_envs: int
 ) -> None:
     runner = InlineRunner(Simulation("rkhs/Pendulum-v0", num_envs=num_envs))
-    policy = random_policy(n=1, m=40, learnt=learnt)
+    policy = random_policy(rng, n=1, m=40, learnt=learnt)
     recorded: list[Batch] = []
     runner.record = lambda batch, episodes, _: recorded.append(batch)
     exploring, num_evaluation = Batch(0, 10, 3, 30, explore=True), Batch(0, 7, 4, 30, explore=False)
@@ -80,8 +81,8 @@ def test_a_mixed_batch_is_bit_identical_to_separate_batches(
         assert apart.tobytes() == getattr(both, name).tobytes()
 
 
-def test_without_exploration_all_environments_use_the_mean(random_policy: MakePolicy) -> None:
-    policy: GaussianPolicy = random_policy(d=2, n=1)
+def test_without_exploration_all_environments_use_the_mean(rng: np.random.Generator) -> None:
+    policy: GaussianPolicy = random_policy(rng, d=2, n=1)
     both = Batch(0, 0, 2, 3, explore=True).with_evaluation(Batch(0, 0, 2, 3, explore=False))
     observed = np.ones((4, 2))
     still, moving = (Acting(policy, both, explore=explore)(0, observed) for explore in (False, True))

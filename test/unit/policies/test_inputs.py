@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ from hypothesis import strategies as st
 from rkhs_ros.learning.model.dynamics_model import Transitions
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message
 from rkhs_ros.policies.messages import policy_of as policy_in
@@ -20,9 +18,8 @@ from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.conftest import model_free
+from test.unit.conftest import model_free, random_policy
 
-MakePolicy = Callable[..., GaussianPolicy]
 over_inputs = pytest.mark.parametrize(
     "inputs",
     [
@@ -87,8 +84,8 @@ def test_unfolding_matches_single_steps_and_ignores_the_future(
 
 
 @over_inputs
-def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, random_policy: MakePolicy) -> None:
-    policy = replace(random_policy(d=inputs.dimension(2, 1), n=1), inputs=inputs)
+def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, rng: np.random.Generator) -> None:
+    policy = replace(random_policy(rng, d=inputs.dimension(2, 1), n=1), inputs=inputs)
     batch = Batch(3, 20, 4, 9, explore=True)
     episodes = InlineRunner(Simulation("rkhs/Pendulum-v0")).collect(policy, batch)
     points, exploration = episodes.with_inputs(inputs).observations, batch.exploration(1)
@@ -96,10 +93,10 @@ def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, random_policy: 
         assert np.array_equal(policy.act(points[:, t], exploration[:, t]), episodes.actions[:, t])
 
 
-def test_windows_contain_the_clipped_actions_everywhere(random_policy: MakePolicy) -> None:
+def test_windows_contain_the_clipped_actions_everywhere(rng: np.random.Generator) -> None:
     runner, batch = InlineRunner(Simulation("rkhs/Pendulum-v0")), Batch(3, 20, 4, 9, explore=True)
     inputs, wide = Inputs(history=3).within(runner.spaces), ConstantVariance(np.array([400.0]))
-    policy = replace(random_policy(d=9, n=1), inputs=inputs, variance=wide)
+    policy = replace(random_policy(rng, d=9, n=1), inputs=inputs, variance=wide)
     episodes = runner.collect(policy, batch)
     clipped = np.clip(episodes.actions, runner.spaces.action_low, runner.spaces.action_high)
     assert not np.array_equal(clipped, episodes.actions)

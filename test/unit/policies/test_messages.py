@@ -7,25 +7,23 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.recordings.messages import episodes_message, episodes_of
+from test.unit.conftest import arrays_of, random_episodes, random_policy
 
 ROWS, HORIZON = 3, 4
 BATCH = Batch(0, 0, ROWS, HORIZON, explore=True)
 
 
 @pytest.fixture
-def episodes(random_policy: Callable[..., GaussianPolicy], random_episodes: Callable[..., Episodes]) -> Episodes:
-    return random_episodes(random_policy(), ROWS, HORIZON, masked=True)
+def episodes(rng: np.random.Generator) -> Episodes:
+    return random_episodes(rng, random_policy(rng), ROWS, HORIZON, masked=True)
 
 
-def test_episodes_survive_a_round_trip_bit_identically(
-    episodes: Episodes, arrays_of: Callable[[Any], dict[str, np.ndarray]]
-) -> None:
+def test_episodes_survive_a_round_trip_bit_identically(episodes: Episodes) -> None:
     back = episodes_of(episodes_message(Types(), 1, 1, episodes), BATCH, Spaces.unbounded(2, 2))
     before, after = arrays_of(episodes), arrays_of(back)
     assert {name: array.tobytes() for name, array in before.items()} == {n: a.tobytes() for n, a in after.items()}
@@ -56,10 +54,8 @@ def test_non_finite_episodes_are_rejected(episodes: Episodes, name: str) -> None
         (lambda p: setattr(p.inputs, "turns", [360.0]), "inputs.turns: expected 0 numbers, one per angle, or none"),
     ],
 )
-def test_invalid_policies_are_rejected(
-    random_policy: Callable[..., GaussianPolicy], spoil: Callable[[Any], object], error: str
-) -> None:
-    message = policy_message(Types(), random_policy(), 1)
+def test_invalid_policies_are_rejected(rng: np.random.Generator, spoil: Callable[[Any], object], error: str) -> None:
+    message = policy_message(Types(), random_policy(rng), 1)
     spoil(message)
     with pytest.raises(ValueError, match=error):
         policy_of(message)

@@ -1,16 +1,14 @@
 """Exploration noise that is correlated over time: its spectrum, variance and independence."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import special
 
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import TAPS, Batch, pink
+from test.unit.conftest import random_policy
 
-Make = Callable[..., GaussianPolicy]
 BATCH = Batch(seed=3, first_episode=5, num_envs=7, horizon=50, explore=True)
 
 
@@ -35,8 +33,8 @@ def test_each_step_has_variance_one_and_depends_on_no_later_draw() -> None:
 
 
 @pytest.mark.parametrize("noise", ["white", "pink"])
-def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(random_policy: Make, noise: str) -> None:
-    policy = replace(random_policy(n=3), noise=noise)
+def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(rng: np.random.Generator, noise: str) -> None:
+    policy = replace(random_policy(rng, n=3), noise=noise)
     together = policy.exploration(BATCH)
     for parts in (2, 3, 7):
         apart = np.concatenate([policy.exploration(batch) for batch in BATCH.split(parts)])

@@ -11,14 +11,7 @@ import pytest
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.onnx_export import (
-    COUNT,
-    OPSET,
-    check_onnx,
-    exported_actions,
-    onnx_model,
-    state_dim,
-)
+from rkhs_ros.policies.onnx_export import COUNT, OPSET, check_onnx, exported_actions, onnx_model, state_dim
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task

@@ -1,6 +1,5 @@
 """Policies that map single observations or batches to actions."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +15,8 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
+from test.unit.conftest import random_policy
 
-MakePolicy = Callable[..., GaussianPolicy]
 TASK = Task("Pendulum-v1", {}, 20, 0.99)
 BOUNDS = np.full((1, 2), 0.4, np.float32)
 
@@ -71,10 +70,10 @@ def test_it_is_saved_with_its_bounds_and_loaded(tmp_path: Path, rng: np.random.G
     assert np.array_equal(back(x), policy(x))
 
 
-def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, random_policy: MakePolicy) -> None:
-    save_policy(tmp_path / "old.npz", random_policy(d=2, n=1), TASK)
+def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, rng: np.random.Generator) -> None:
+    save_policy(tmp_path / "old.npz", random_policy(rng, d=2, n=1), TASK)
     assert load(tmp_path / "old.npz")(np.zeros(2)).shape == (1,)
-    save_policy(tmp_path / "window.npz", replace(random_policy(d=4, n=2), inputs=Inputs(history=3)), TASK)
+    save_policy(tmp_path / "window.npz", replace(random_policy(rng, d=4, n=2), inputs=Inputs(history=3)), TASK)
     with pytest.raises(ValueError, match="policy: expected one from"):
         load(tmp_path / "window.npz")
 

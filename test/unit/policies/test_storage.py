@@ -1,20 +1,17 @@
 import json
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Linear, Polynomial
+from test.unit.conftest import arrays_of, random_policy
 
-Make = Callable[..., GaussianPolicy]
 TASK = Task("rkhs/Toy-v0", {"angle": "clip", "nested": [1, 2.5]}, 20, 0.99)
 KERNELS: list[Kernel] = [
     RBF((0.1, 1 / 3)),
@@ -27,17 +24,11 @@ KERNELS: list[Kernel] = [
 @pytest.mark.parametrize("kernel", KERNELS, ids=str)
 @pytest.mark.parametrize(("variance", "noise"), [("constant", "pink"), ("kernel", "white"), ("function", "white")])
 def test_a_saved_policy_is_bit_identical_after_loading(
-    tmp_path: Path,
-    random_policy: Make,
-    rng: np.random.Generator,
-    arrays_of: Callable[[Any], dict[str, np.ndarray]],
-    kernel: Kernel,
-    variance: str,
-    noise: str,
+    tmp_path: Path, rng: np.random.Generator, kernel: Kernel, variance: str, noise: str
 ) -> None:
     inputs = Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1, turns=(360.0, 0.1 + 0.2))
     weighing = kernel if kernel.is_positive else None
-    policy = replace(random_policy(kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise)
+    policy = replace(random_policy(rng, kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise)
     policy = policy.with_mean(replace(policy.mean, kernel=kernel))
     if variance == "function":
         g = Function(kernel, rng.normal(size=(4, 2)), rng.normal(size=(4, 2)))
@@ -55,11 +46,9 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
 
 
-def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(
-    tmp_path: Path, random_policy: Make, rng: np.random.Generator
-) -> None:
+def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(tmp_path: Path, rng: np.random.Generator) -> None:
     path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(learnt=True), TASK)
+    save_policy(path, random_policy(rng, learnt=True), TASK)
     whole = path.read_bytes()
     refused = 0
     for position in rng.choice(len(whole), 400, replace=False):
@@ -75,9 +64,9 @@ def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(
     assert refused > 200
 
 
-def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_policy: Make) -> None:
+def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, rng: np.random.Generator) -> None:
     path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(m=5000), TASK)
+    save_policy(path, random_policy(rng, m=5000), TASK)
     path.write_bytes(path.read_bytes().replace(b"(5000, 2)", b"(1000, 2)"))  # of both centres and weights
     with pytest.raises(ValueError, match="Bad CRC-32"):
         load_policy(path)
@@ -99,10 +88,10 @@ def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, random_poli
     ids=lambda change: ", ".join(change),
 )
 def test_files_without_a_valid_policy_raise_a_one_line_error(
-    tmp_path: Path, random_policy: Make, change: dict[str, np.ndarray | None]
+    tmp_path: Path, rng: np.random.Generator, change: dict[str, np.ndarray | None]
 ) -> None:
     path = tmp_path / "policy.npz"
-    save_policy(path, random_policy(), TASK)
+    save_policy(path, random_policy(rng), TASK)
     with np.load(path) as file:
         arrays = {**file, **change}
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})

@@ -1,20 +1,18 @@
 import resource
 import signal
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
 from rkhs_ros.recordings.recording import read_recording
+from test.unit.conftest import arrays_of, random_policy
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -46,10 +44,8 @@ def test_definitions_match_rkhs_interfaces() -> None:
 
 
 @pytest.mark.parametrize("learnt", [False, True])
-def test_a_policy_survives_serialisation_bit_identically(
-    random_policy: Callable[..., GaussianPolicy], arrays_of: Callable[[Any], dict[str, np.ndarray]], *, learnt: bool
-) -> None:
-    policy = random_policy(learnt=learnt)
+def test_a_policy_survives_serialisation_bit_identically(rng: np.random.Generator, *, learnt: bool) -> None:
+    policy = random_policy(rng, learnt=learnt)
     message, kind = encoded(policy_message(Types(), policy, 7)), "rkhs_interfaces/msg/Policy"
     back = policy_of(decoded(message, kind, definition(kind)))
     before, after = arrays_of(policy), arrays_of(back)

@@ -14,12 +14,11 @@ from gymnasium.spaces import Box
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import search_here
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.curve import Curve
-from test.unit.conftest import Result
+from test.unit.conftest import Result, random_policy
 
 pytestmark = pytest.mark.slow
 
@@ -61,8 +60,8 @@ def test_a_failing_environment_stops_the_run_in_one_line_and_a_repaired_one_resu
     assert len(Curve(Path("run/curve.csv")).rows()) == 4
 
 
-def test_an_infinite_action_is_reported_with_environment_and_step(random_policy: Callable[..., GaussianPolicy]) -> None:
-    policy = random_policy(d=1, n=1)
+def test_an_infinite_action_is_reported_with_environment_and_step(rng: np.random.Generator) -> None:
+    policy = random_policy(rng, d=1, n=1)
     loud = policy.with_mean(type(policy.mean)(policy.mean.kernel, policy.mean.centres, np.full((5, 1), 1e308)))
     runner, message = (
         InlineRunner(Simulation("rkhs/Toy-v0")),
@@ -97,12 +96,12 @@ class Still(gymnasium.Env[np.ndarray, np.ndarray]):
 
 @pytest.mark.parametrize("flag", ["False", [True, False]])
 def test_a_flag_that_is_neither_true_nor_false_is_refused(
-    monkeypatch: pytest.MonkeyPatch, random_policy: Callable[..., GaussianPolicy], flag: Any
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator, flag: Any
 ) -> None:
     monkeypatch.setattr(Still, "step", lambda self, action: (np.zeros(1, np.float32), 0.0, flag, False, {}))
     runner = InlineRunner(Simulation(Still))
     with pytest.raises(RunError, match="step 1 of environment 0: expected terminated to be True or False, got "):
-        runner.collect(random_policy(d=1, n=1), Batch(0, 0, 1, 5, explore=False))
+        runner.collect(random_policy(rng, d=1, n=1), Batch(0, 0, 1, 5, explore=False))
 
 
 SELFISH = """

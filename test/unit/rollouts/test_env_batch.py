@@ -14,6 +14,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rollouts.environments import env_batch_of
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
+from test.unit.conftest import random_policy
 
 Observation = np.ndarray[Any, Any]
 FIELDS = ("observations", "actions", "rewards", "mask", "final_observations", "terminated")
@@ -63,8 +64,8 @@ def countdown() -> Iterator[None]:
 
 
 @pytest.fixture
-def policy(random_policy: Callable[..., GaussianPolicy]) -> GaussianPolicy:
-    return random_policy(d=2, n=1)
+def policy(rng: np.random.Generator) -> GaussianPolicy:
+    return random_policy(rng, d=2, n=1)
 
 
 BATCH = Batch(3, 0, 10, 12, explore=True)

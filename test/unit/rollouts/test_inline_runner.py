@@ -1,16 +1,13 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from sim_nodes.envs.lever_stafford import Pendulum
+from test.unit.conftest import random_policy
 
-MakePolicy = Callable[..., GaussianPolicy]
 ARRAYS = ("observations", "actions", "rewards", "mask")
 
 
@@ -19,8 +16,8 @@ def runner() -> InlineRunner:
     return InlineRunner(Simulation("rkhs/Pendulum-v0"))
 
 
-def test_episodes_align_observations_actions_and_rewards(runner: InlineRunner, random_policy: MakePolicy) -> None:
-    policy, batch = random_policy(n=1), Batch(3, 20, 2, 6, explore=True)
+def test_episodes_align_observations_actions_and_rewards(runner: InlineRunner, rng: np.random.Generator) -> None:
+    policy, batch = random_policy(rng, n=1), Batch(3, 20, 2, 6, explore=True)
     episodes = runner.collect(policy, batch)
     task, exploration = Pendulum(2), batch.exploration(1)
     observations = task.reset(seed=batch.environment_seeds())[0]
@@ -37,9 +34,9 @@ def test_episodes_align_observations_actions_and_rewards(runner: InlineRunner, r
     ("kernel", "learnt", "sizes"), [(RBF((1.0, 2.0)), False, (1,) * 7), (Polynomial(1.0, 2), True, (3, 4))], ids=str
 )
 def test_episodes_do_not_depend_on_the_split_into_batches(
-    runner: InlineRunner, random_policy: MakePolicy, kernel: Kernel, learnt: bool, sizes: tuple[int, ...]
+    runner: InlineRunner, rng: np.random.Generator, kernel: Kernel, learnt: bool, sizes: tuple[int, ...]
 ) -> None:
-    policy = random_policy(n=1, m=40, kernel=kernel, learnt=learnt)
+    policy = random_policy(rng, n=1, m=40, kernel=kernel, learnt=learnt)
     together = runner.collect(policy, Batch(0, 10, 7, 30, explore=True))
     starts = np.cumsum([10, *sizes])
     parts = [

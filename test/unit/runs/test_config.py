@@ -80,10 +80,7 @@ def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) ->
         ("simulator: {}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
         ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),
-        (
-            MINIMAL + "learner: {ros__parameters: {seeds: 1}}",
-            r"my_run\.yaml: unknown key 'seeds', did you mean",
-        ),
+        (MINIMAL + "learner: {ros__parameters: {seeds: 1}}", r"my_run\.yaml: unknown key 'seeds', did you mean"),
     ],
 )
 def test_an_invalid_configuration_file_is_rejected_in_one_line(write: Any, text: str, message: str) -> None:
@@ -94,11 +91,7 @@ def test_an_invalid_configuration_file_is_rejected_in_one_line(write: Any, text:
 
 @pytest.mark.parametrize(
     ("simulator", "learner"),
-    [
-        ("/simulator", "/learner"),
-        ("/**/simulator", "/**/learner"),
-        ("/a/simulator", "learner"),
-    ],
+    [("/simulator", "/learner"), ("/**/simulator", "/**/learner"), ("/a/simulator", "learner")],
 )
 def test_the_sections_may_name_the_nodes_in_any_namespace(write: Any, simulator: str, learner: str) -> None:
     text = MINIMAL.replace("simulator", simulator) + learner + ": {ros__parameters: {seed: 5}}\n"

@@ -1,8 +1,6 @@
 import csv
-from collections.abc import Callable
 from math import inf, nan, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import BEGINNING
 from rkhs_ros.runs.report import evaluation_bounds
 from rkhs_ros.runs.run import run_training
-from test.unit.conftest import model_free
+from test.unit.conftest import arrays_of, model_free
 
 TRAINING = model_free(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
@@ -48,9 +46,7 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_run_writes_its_curve_and_policy(
-    tmp_path: Path, runner: InlineRunner, arrays_of: Callable[[Any], dict[str, np.ndarray]]
-) -> None:
+def test_a_run_writes_its_curve_and_policy(tmp_path: Path, runner: InlineRunner) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert sorted(p.name for p in folder.iterdir()) == [
         *("best_policy.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "lock"),

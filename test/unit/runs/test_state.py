@@ -1,11 +1,9 @@
 """The state of a run, as its recording contains it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
@@ -20,6 +18,7 @@ from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.recorded import state_of
 from rkhs_ros.runs.run import run_training
+from test.unit.conftest import arrays_of
 
 TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
 WAYS: list[Any] = [
@@ -33,8 +32,6 @@ WAYS: list[Any] = [
     {"model": "gaussian_process"},
 ]
 COUNTS = ("iterations", "explored", "evaluated", "steps")
-
-ArraysOf = Callable[[Any], dict[str, np.ndarray]]
 
 
 def config_of(way: Any) -> Config:
@@ -54,7 +51,7 @@ def config_of(way: Any) -> Config:
     return Config(Environment("rkhs/Toy-v0", {}), replace(training_from(tree | parts), inputs=inputs))
 
 
-def assert_same_bits(one: Any, other: Any, arrays_of: ArraysOf) -> None:
+def assert_same_bits(one: Any, other: Any) -> None:
     a, b = arrays_of(one), arrays_of(other)
     assert a.keys() == b.keys()
     for name in a:
@@ -62,9 +59,7 @@ def assert_same_bits(one: Any, other: Any, arrays_of: ArraysOf) -> None:
 
 
 @pytest.mark.parametrize("way", WAYS, ids=str)
-def test_every_algorithm_resumes_bit_identically_from_each_iteration(
-    tmp_path: Path, way: Any, arrays_of: ArraysOf
-) -> None:
+def test_every_algorithm_resumes_bit_identically_from_each_iteration(tmp_path: Path, way: Any) -> None:
     config = config_of(way)
     run_training(config, TOY, tmp_path / "run", quiet=True)
     whole = list(train(config.training, TOY))
@@ -72,13 +67,13 @@ def test_every_algorithm_resumes_bit_identically_from_each_iteration(
         held, _ = read_held(tmp_path / "run" / FILE, config.training.iterations, keeps_later=False)
         held.updates = held.updates[:k]
         state = state_of(held, config.training, TOY.spaces, "recording")
-        assert_same_bits(state, iteration.state, arrays_of)
+        assert_same_bits(state, iteration.state)
         assert all(getattr(state, name) == getattr(iteration.state, name) for name in COUNTS)
         assert state.policy.mean.kernel == iteration.state.policy.mean.kernel
         assert state.policy.inputs == iteration.state.policy.inputs
         assert state.policy.noise == iteration.state.policy.noise
         for one, other in zip(whole[k:], train(config.training, TOY, state), strict=True):
-            assert_same_bits(one, other, arrays_of)
+            assert_same_bits(one, other)
             assert one.metrics == other.metrics
 
 

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_nodes.envs.control_tasks import (
-    ARM_STOP,
-    BEAM_HALF,
-    GRAVITY,
-    POLE_HALF,
-    POLE_MASS,
-    BallOnBeam,
-    Furuta,
-    Tanks,
-)
+from sim_nodes.envs.control_tasks import ARM_STOP, BEAM_HALF, GRAVITY, POLE_HALF, POLE_MASS, BallOnBeam, Furuta, Tanks
 from sim_nodes.envs.vector_task import VectorTask
 
 

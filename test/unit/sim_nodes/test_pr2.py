@@ -13,17 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy.spatial.transform import Rotation
 
-from sim_nodes.pr2.motion import (
-    ARM,
-    RATE,
-    TOOL_OFFSET,
-    Motion,
-    adapted,
-    arm_chain,
-    demonstration,
-    finger_angle,
-    gap,
-)
+from sim_nodes.pr2.motion import ARM, RATE, TOOL_OFFSET, Motion, adapted, arm_chain, demonstration, finger_angle, gap
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed")
 

@@ -118,10 +118,7 @@ def test_a_failed_run_is_reported_and_the_others_are_tabulated(rkhs: Run, swept:
         (("--vary", "algorithm.rigde=1,2"), "unknown key 'algorithm.rigde', did you mean 'algorithm.ridge'?"),
         (("--vary", "algorithm.ridge"), "--vary: expected KEY=VALUE,VALUE ..., got 'algorithm.ridge'"),
         (("--vary", "algorithm.ridge=0.1,1e-1"), "--vary: algorithm.ridge: expected distinct values"),
-        (
-            ("--vary", "algorithm.ridge=1,2", "--out", "/proc"),
-            "/proc: expected a new or empty folder, or that of",
-        ),
+        (("--vary", "algorithm.ridge=1,2", "--out", "/proc"), "/proc: expected a new or empty folder, or that of"),
         (("--vary", "environment.id=a,b"), "--vary: expected settings that do not change the task"),
         (("--vary", "evaluate_every=0,1"), "evaluate_every: expected 1 to 40, since results need evaluations, got 0"),
     ],

@@ -31,15 +31,10 @@ viser = pytest.importorskip("viser")
 from rkhs_ros.pictures.policy_axes import PolicyAxes  # noqa: E402
 from rkhs_ros.view.iteration_panel import IterationPanel  # noqa: E402
 from rkhs_ros.view.page import status  # noqa: E402
-from rkhs_ros.view.recorded import (  # noqa: E402
-    ENDED,
-    FINISHED,
-    RUNNING,
-    Recorded,
-    state_of,
-)
+from rkhs_ros.view.recorded import ENDED, FINISHED, RUNNING, Recorded, state_of  # noqa: E402
 from rkhs_ros.view.serving import opened  # noqa: E402
 from rkhs_ros.view.timeline import Timeline  # noqa: E402
+from test.unit.conftest import random_episodes, random_policy  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -156,15 +151,13 @@ def test_curves_of_several_runs_are_drawn_over_episodes(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("angles", ["none", (0.0, 2.0)])
-def test_centres_are_converted_back_to_observations(
-    angles: Any, random_policy: Any, random_episodes: Any, rng: Any
-) -> None:
+def test_centres_are_converted_back_to_observations(angles: Any, rng: Any) -> None:
     inputs = Inputs(angles=angles)
-    policy = random_policy(d=inputs.dimension(3, 2))
+    policy = random_policy(rng, d=inputs.dimension(3, 2))
     observed = rng.uniform(-3, 3, (5, 3))
     policy = replace(policy, mean=replace(policy.mean, centres=inputs.features(observed)), inputs=inputs)
     names = names_of(SimpleNamespace(environment="?"), 3, 2)
-    assert np.allclose(PolicyAxes.of(policy, names, random_episodes(random_policy(d=3))).centres(), observed)
+    assert np.allclose(PolicyAxes.of(policy, names, random_episodes(rng, random_policy(rng, d=3))).centres(), observed)
 
 
 @pytest.mark.parametrize("environment", TASKS)

@@ -1,12 +1,10 @@
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.actor_critic import EQUATIONS, ActorCritic
-from rkhs_ros.learning.algorithms.algorithm import Algorithm, Update
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.critics import (
     Critic,
     StepCritic,
@@ -27,11 +25,8 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF
-from test.unit.conftest import kl_between
+from test.unit.conftest import arrays_of, kl_between, learn, random_episodes, random_policy
 
-MakePolicy = Callable[..., GaussianPolicy]
-MakeEpisodes = Callable[..., Episodes]
-Learn = Callable[..., Update]
 over_algorithms = pytest.mark.parametrize("algorithm", [cls() for cls in ALGORITHMS.values()], ids=list(ALGORITHMS))
 
 
@@ -44,7 +39,7 @@ def bandit(seed: int, best: float) -> tuple[GaussianPolicy, Episodes]:
 
 
 @over_algorithms
-def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorithm) -> None:
+def test_the_mean_moves_towards_better_actions(algorithm: Algorithm) -> None:
     policy, episodes = bandit(0, best=-1.5)
     if isinstance(algorithm, ActorCritic | RKHSNPG):
         algorithm = replace(algorithm, step=KLStep(0.02, cap=1e6))
@@ -54,16 +49,10 @@ def test_the_mean_moves_towards_better_actions(learn: Learn, algorithm: Algorith
 
 
 @over_algorithms
-def test_an_update_modifies_no_input_and_is_deterministic(
-    learn: Learn,
-    algorithm: Algorithm,
-    random_policy: MakePolicy,
-    random_episodes: MakeEpisodes,
-    arrays_of: Callable[[Any], dict[str, np.ndarray]],
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy, masked=True)
-    memory = random_episodes(policy, 3, masked=True)
+def test_an_update_modifies_no_input_and_is_deterministic(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy, masked=True)
+    memory = random_episodes(rng, policy, 3, masked=True)
     inputs = {f"{i}{k}": v for i, given in enumerate((policy, episodes, memory)) for k, v in arrays_of(given).items()}
     before = {name: array.tobytes() for name, array in inputs.items()}
     for array in inputs.values():
@@ -78,15 +67,9 @@ def test_an_update_modifies_no_input_and_is_deterministic(
 
 
 @over_algorithms
-def test_steps_after_the_end_of_an_episode_do_not_matter(
-    learn: Learn,
-    algorithm: Algorithm,
-    random_policy: MakePolicy,
-    random_episodes: MakeEpisodes,
-    rng: np.random.Generator,
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy, masked=True)
+def test_steps_after_the_end_of_an_episode_do_not_matter(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy, masked=True)
     over = ~episodes.mask[:, :, None]
     noise = [np.where(over, rng.normal(size=a.shape), a) for a in (episodes.observations, episodes.actions)]
     changed = replace(episodes, observations=noise[0], actions=noise[1])
@@ -97,11 +80,9 @@ def test_steps_after_the_end_of_an_episode_do_not_matter(
 
 
 @over_algorithms
-def test_the_metrics_describe_the_update(
-    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(m=0 if isinstance(algorithm, GridSettings) else 5)
-    episodes = random_episodes(policy)
+def test_the_metrics_describe_the_update(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng, m=0 if isinstance(algorithm, GridSettings) else 5)
+    episodes = random_episodes(rng, policy)
     small = {"grid_counts": (7.0, 1.0)} if isinstance(algorithm, GridSettings) else {"centres": 7}
     new, metrics = learn(replace(algorithm, **small), policy, episodes)
     assert metrics.centres == len(new.mean.centres) <= 7
@@ -109,12 +90,10 @@ def test_the_metrics_describe_the_update(
 
 
 @pytest.mark.parametrize("critic", EQUATIONS)
-def test_a_nac_step_has_the_given_divergence(
-    learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
+def test_a_nac_step_has_the_given_divergence(critic: str, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
     algorithm = RKHSNAC(centres=60, critic=critic, step=KLStep(0.07, cap=1e6))
-    _, metrics = learn(algorithm, policy, random_episodes(policy), 0.99)
+    _, metrics = learn(algorithm, policy, random_episodes(rng, policy), 0.99)
     assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the ridge of the sparsification changes it by 1e-4
 
 
@@ -129,15 +108,10 @@ CRITICS: list[tuple[str, str, Critic]] = [
 
 @pytest.mark.parametrize(("equations", "regression", "critic"), CRITICS, ids=[f"{c}-{r}" for c, r, _ in CRITICS])
 def test_nac_adds_the_critics_estimate_times_the_step_size(
-    learn: Learn,
-    equations: str,
-    regression: str,
-    critic: Critic,
-    random_policy: MakePolicy,
-    random_episodes: MakeEpisodes,
+    equations: str, regression: str, critic: Critic, rng: np.random.Generator
 ) -> None:
-    policy = random_policy(m=3)
-    episodes = random_episodes(policy)
+    policy = random_policy(rng, m=3)
+    episodes = random_episodes(rng, policy)
     how = {"critic": equations, "regression": regression, "ridge": 0.1, "value_ridge": 0.3, "trace": 0.6}
     algorithm = RKHSNAC(centres=60, ridge_norm="scale_free", step=FixedStep(0.3), **how)
     moved, *_ = learn(algorithm, policy, episodes, 0.9)
@@ -149,11 +123,9 @@ def test_nac_adds_the_critics_estimate_times_the_step_size(
 
 
 @pytest.mark.parametrize("critic", EQUATIONS)
-def test_nac_without_rewards_does_not_change_the_mean(
-    learn: Learn, critic: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy)
+def test_nac_without_rewards_does_not_change_the_mean(critic: str, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy)
     still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
     moved, metrics = learn(RKHSNAC(critic=critic), policy, still)
     x = episodes.flat(episodes.observations)
@@ -162,33 +134,27 @@ def test_nac_without_rewards_does_not_change_the_mean(
 
 
 @over_algorithms
-def test_the_exploration_decays_to_its_minimum(
-    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
+def test_the_exploration_decays_to_its_minimum(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
     for minimum, factor in ((1e-3, 0.81), (1e3, 1.0)):  # a standard deviation below the minimum does not change
         narrowing = replace(algorithm, exploration_decay=0.9, exploration_minimum=minimum, **constant)
-        moved, *_ = learn(narrowing, policy, random_episodes(policy))
+        moved, *_ = learn(narrowing, policy, random_episodes(rng, policy))
         np.testing.assert_allclose(moved.variance.values, factor * policy.variance.values, rtol=1e-12)
 
 
 @over_algorithms
-def test_a_variance_that_depends_on_the_state_does_not_decay(
-    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(learnt=True)
+def test_a_variance_that_depends_on_the_state_does_not_decay(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng, learnt=True)
     constant = {"variance": "constant"} if isinstance(algorithm, WeightedExploration) else {}
     with pytest.raises(ValueError, match="variance: expected a constant variance, got one that depends"):
-        learn(replace(algorithm, **constant), policy, random_episodes(policy))
+        learn(replace(algorithm, **constant), policy, random_episodes(rng, policy))
 
 
 @pytest.mark.parametrize("name", ["rkhs_ac", "rkhs_npg", "rkhs_nac", "rkhs_power"])
-def test_the_sparsification_error_is_the_distance_from_the_full_mean(
-    learn: Learn, name: str, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(m=7, kernel=RBF((0.5,)))
-    episodes = random_episodes(policy)
+def test_the_sparsification_error_is_the_distance_from_the_full_mean(name: str, rng: np.random.Generator) -> None:
+    policy = random_policy(rng, m=7, kernel=RBF((0.5,)))
+    episodes = random_episodes(rng, policy)
     # A direction with few centres is added to a mean with seven; the sum has too many centres and is sparsified.
     algorithm = replace(ALGORITHMS[name](), centres=7)
     if name == "rkhs_nac":
@@ -207,11 +173,9 @@ def test_the_sparsification_error_is_the_distance_from_the_full_mean(
 
 
 @over_algorithms
-def test_an_update_far_from_all_centres_returns_a_policy(
-    learn: Learn, algorithm: Algorithm, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(m=0, kernel=RBF((0.01,)))
-    episodes = random_episodes(policy)
+def test_an_update_far_from_all_centres_returns_a_policy(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng, m=0, kernel=RBF((0.01,)))
+    episodes = random_episodes(rng, policy)
     far = replace(episodes, observations=episodes.observations + 1000.0)
     new, *_ = learn(algorithm, policy, far)
     assert np.isfinite(new.mean(far.flat(far.observations))).all()

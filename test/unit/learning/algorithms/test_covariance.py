@@ -1,12 +1,9 @@
 """The natural gradient does not depend on the coordinates of the function space; the plain gradient does."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.actor_critic import EQUATIONS, ActorCritic
-from rkhs_ros.learning.algorithms.algorithm import Update
 from rkhs_ros.learning.algorithms.critics import Critic, StepCritic, TrajectoryCritic, ValueBaseline
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
@@ -18,12 +15,12 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Polynomial
+from test.unit.conftest import learn, random_episodes, random_policy
 
 LINEAR = Polynomial(0.0, 1)
 OFFSETS = (0.01, 0.2, 1.0)
 DEGREE = 5
 TEST_POINTS = np.linspace(-1.0, 1.0, 21)[:, None]  # further out the highest power dominates
-Learn = Callable[..., Update]
 over_critics = pytest.mark.parametrize("critic", EQUATIONS)
 
 
@@ -43,11 +40,10 @@ def walks(n: int = 12, horizon: int = 15) -> Episodes:
     return Episodes.without_ends(places, actions, rewards, np.ones((n, horizon), dtype=bool))
 
 
-def moves(learn: Learn, algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:
+def moves(algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:
     """Return how the mean changes at the test points in the coordinates of each offset.
 
     Args:
-        learn: the fixture.
         algorithm: the algorithm.
         mean: coefficients of the powers 0 to 5 of the policy's mean, the same function in all coordinates.
     """
@@ -76,11 +72,11 @@ MEANS = [np.zeros(6), np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.003])]
 @pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
 @pytest.mark.parametrize("ridge", [1e-6, 1.0])
 def test_the_natural_gradient_does_not_change_with_the_parametrisation(
-    learn: Learn, critic: str, mean: np.ndarray, ridge: float
+    critic: str, mean: np.ndarray, ridge: float
 ) -> None:
     for step in (FixedStep(0.5), KLStep(0.02, cap=1e6)):
         algorithm = RKHSNAC(centres=20, critic=critic, ridge_norm="scale_free", ridge=ridge, step=step)
-        first, *others = moves(learn, algorithm, mean)
+        first, *others = moves(algorithm, mean)
         assert np.linalg.norm(first) > 1e-3
         for other in others:
             np.testing.assert_allclose(other, first, rtol=0, atol=1e-6 * np.abs(first).max())
@@ -88,30 +84,26 @@ def test_the_natural_gradient_does_not_change_with_the_parametrisation(
 
 @over_critics
 @pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
-def test_the_plain_gradient_changes_with_the_parametrisation(learn: Learn, critic: str, mean: np.ndarray) -> None:
+def test_the_plain_gradient_changes_with_the_parametrisation(critic: str, mean: np.ndarray) -> None:
     common = {"critic": critic, "regression": "ridge", "ridge_norm": "scale_free", "ridge": 1e-2}
-    first, *others = moves(learn, RKHSAC(centres=20, step=FixedStep(1e-6), **common), mean)
+    first, *others = moves(RKHSAC(centres=20, step=FixedStep(1e-6), **common), mean)
     assert all(difference(first, other) > 0.1 for other in others)
 
 
 @over_critics
-def test_a_ridge_on_the_norm_in_the_rkhs_destroys_the_covariance(learn: Learn, critic: str) -> None:
+def test_a_ridge_on_the_norm_in_the_rkhs_destroys_the_covariance(critic: str) -> None:
     algorithm = RKHSNAC(centres=20, critic=critic, ridge_norm="norm", ridge=1e-2, step=FixedStep(0.5))
-    first, *others = moves(learn, algorithm, MEANS[0])
+    first, *others = moves(algorithm, MEANS[0])
     assert all(difference(first, other) > 0.1 for other in others)
 
 
 @over_critics
 @pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
 def test_scaling_the_coordinates_does_not_change_the_critic(
-    random_policy: Callable[..., GaussianPolicy],
-    random_episodes: Callable[..., Episodes],
-    rng: np.random.Generator,
-    critic: str,
-    masked: bool,
+    rng: np.random.Generator, critic: str, masked: bool
 ) -> None:
-    policy = random_policy()
-    samples = Samples.in_newton_basis(policy, random_episodes(policy, 8, 10, masked=masked), 6)
+    policy = random_policy(rng)
+    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 8, 10, masked=masked), 6)
     units = 10 ** rng.uniform(-3, 3, samples.features.shape[1])
     scaled = Samples(**{**vars(samples), "features": samples.features * units})
     w, v = (critic_of(critic, 0.1, "scale_free").fit(s, 0.9) for s in (samples, scaled))
@@ -121,14 +113,9 @@ def test_scaling_the_coordinates_does_not_change_the_critic(
 
 
 @over_critics
-def test_without_a_ridge_the_critic_does_not_depend_on_the_coordinates(
-    random_policy: Callable[..., GaussianPolicy],
-    random_episodes: Callable[..., Episodes],
-    rng: np.random.Generator,
-    critic: str,
-) -> None:
-    policy = random_policy()
-    samples = Samples.in_newton_basis(policy, random_episodes(policy, 40, 10), 5)
+def test_without_a_ridge_the_critic_does_not_depend_on_the_coordinates(rng: np.random.Generator, critic: str) -> None:
+    policy = random_policy(rng)
+    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 40, 10), 5)
     turned = Samples(**{**vars(samples), "features": samples.features @ rng.normal(size=(5, 5))})
     w, v = (critic_of(critic, 1e-10, "norm").fit(s, 0.9) for s in (samples, turned))
     np.testing.assert_allclose(turned.features @ v, samples.features @ w, rtol=1e-4, atol=1e-4)

@@ -12,20 +12,17 @@ from rkhs_ros.learning.algorithms.critics import (
     TrajectoryPursuitCritic,
     ValueBaseline,
 )
-from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
-from rkhs_ros.policies.gaussian import GaussianPolicy
+from test.unit.conftest import random_episodes, random_policy
 
 DISCOUNT = 0.9
 
 
 @pytest.fixture
-def samples(
-    random_policy: Callable[..., GaussianPolicy], random_episodes: Callable[..., Episodes]
-) -> Callable[..., Samples]:
+def samples(rng: np.random.Generator) -> Callable[..., Samples]:
     def make(n: int = 6, horizon: int = 8, centres: int = 5, *, masked: bool = False, learnt: bool = False) -> Samples:
-        policy = random_policy(learnt=learnt)
-        return Samples.in_newton_basis(policy, random_episodes(policy, n, horizon, masked=masked), centres)
+        policy = random_policy(rng, learnt=learnt)
+        return Samples.in_newton_basis(policy, random_episodes(rng, policy, n, horizon, masked=masked), centres)
 
     return make
 

@@ -1,13 +1,12 @@
 """Gradient updates match independent implementations of their equations with loops and explicit features."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.ac import AC
-from rkhs_ros.learning.algorithms.algorithm import Algorithm, Update
+from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.enac import ENAC
 from rkhs_ros.learning.algorithms.power import PoWER
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
@@ -20,10 +19,8 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from test.unit.conftest import learn, random_episodes, random_policy
 
-Learn = Callable[..., Update]
-MakePolicy = Callable[..., GaussianPolicy]
-MakeEpisodes = Callable[..., Episodes]
 LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
 over_masks = pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
@@ -70,10 +67,10 @@ def first_values(policy: GaussianPolicy, episodes: Episodes, ridge: float) -> np
 @over_masks
 @pytest.mark.parametrize("baseline", ["intercept", "value", "as_published"])
 def test_npg_with_the_gram_matrix_is_ridge_regression_in_explicit_features(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, baseline: str, masked: bool
+    rng: np.random.Generator, baseline: str, masked: bool
 ) -> None:
-    policy = random_policy(d=3, kernel=LINEAR)
-    episodes = random_episodes(policy, 5, 8, masked=masked)
+    policy = random_policy(rng, d=3, kernel=LINEAR)
+    episodes = random_episodes(rng, policy, 5, 8, masked=masked)
     algorithm = RKHSNPG(baseline=baseline, ridge=0.2, value_ridge=0.3, step=FixedStep(0.7))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     phi = np.array([sum(np.kron(s, u) for s, u in steps) for steps in scores(policy, episodes)])
@@ -89,10 +86,10 @@ def test_npg_with_the_gram_matrix_is_ridge_regression_in_explicit_features(
 
 @over_masks
 def test_npg_with_a_full_dictionary_is_the_published_sum_of_kernel_functions(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
+    rng: np.random.Generator, masked: bool
 ) -> None:
-    policy = random_policy(m=3, kernel=RBF((0.4,)))
-    episodes = random_episodes(policy, 4, 6, masked=masked)
+    policy = random_policy(rng, m=3, kernel=RBF((0.4,)))
+    episodes = random_episodes(rng, policy, 4, 6, masked=masked)
     algorithm = RKHSNPG(centres=60, baseline="as_published", ridge=0.2, step=FixedStep(0.7))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     steps = scores(policy, episodes)
@@ -110,10 +107,10 @@ def test_npg_with_a_full_dictionary_is_the_published_sum_of_kernel_functions(
 
 @over_masks
 def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, masked: bool
+    rng: np.random.Generator, masked: bool
 ) -> None:
-    policy = random_policy(d=3, kernel=LINEAR)
-    newest, older = (random_episodes(policy, n, 8, masked=masked) for n in (5, 3))
+    policy = random_policy(rng, d=3, kernel=LINEAR)
+    newest, older = (random_episodes(rng, policy, n, 8, masked=masked) for n in (5, 3))
     algorithm = RKHSNAC(variance="learnt", reuse=4, trace=0.8, step=FixedStep(0.3))
     moved, _ = learn(algorithm, policy, newest, DISCOUNT, memory=older)
     memory = algorithm.remembered(newest + older, DISCOUNT)
@@ -129,27 +126,23 @@ def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(
     np.testing.assert_array_equal(memory.rewards, (newest + older).take(slice(4)).rewards)
 
 
-def test_the_joint_step_of_mean_and_variance_has_the_given_divergence(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
+def test_the_joint_step_of_mean_and_variance_has_the_given_divergence(rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
     algorithm = RKHSNAC(variance="learnt", step=KLStep(divergence=1e-6))
-    moved, metrics = learn(algorithm, policy, random_episodes(policy, 20, 8), DISCOUNT)
+    moved, metrics = learn(algorithm, policy, random_episodes(rng, policy, 20, 8), DISCOUNT)
     assert (moved.variance.values != policy.variance.values).all()
     assert metrics.kl == pytest.approx(1e-6, rel=0.01)  # up to the order of the step, 1e-3
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_learnt_variance_stays_within_its_bounds_for_any_step(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(1e6)), policy, random_episodes(policy))
+def test_a_learnt_variance_stays_within_its_bounds_for_any_step(rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(1e6)), policy, random_episodes(rng, policy))
     assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # relative to the first one, 1
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
-def test_costly_exploration_shrinks_at_the_rate_of_its_gradient(sign: float, learn: Learn) -> None:
+def test_costly_exploration_shrinks_at_the_rate_of_its_gradient(sign: float) -> None:
     sd, n = 0.7, 20_000
     kernel = Polynomial(1.0, 1)
     policy = GaussianPolicy(Function(kernel, np.zeros((0, 1)), np.zeros((0, 1))), ConstantVariance(np.array([sd**2])))
@@ -162,13 +155,11 @@ def test_costly_exploration_shrinks_at_the_rate_of_its_gradient(sign: float, lea
 
 
 @over_masks
-def test_an_enac_step_matches_the_textbook(
-    learn: Learn, random_episodes: MakeEpisodes, rng: np.random.Generator, masked: bool
-) -> None:
+def test_an_enac_step_matches_the_textbook(rng: np.random.Generator, masked: bool) -> None:
     centres = np.array([[a, b] for a in (-1.0, 0.5, 2.0) for b in (0.0, 1.0)])
     theta, kernel = rng.normal(size=(6, 2)), RBF((0.9,))
     policy = GaussianPolicy(Function(kernel, centres, theta), ConstantVariance(np.array([0.5, 2.0])))
-    episodes = random_episodes(policy, 30, 8, masked=masked)
+    episodes = random_episodes(rng, policy, 30, 8, masked=masked)
     algorithm = ENAC(
         grid_low=(-1.0, 0.0), grid_high=(2.0, 1.0), grid_counts=(3.0, 2.0), ridge=0.05, step=FixedStep(0.4)
     )
@@ -202,13 +193,7 @@ GRID = {"grid_low": (0.0,), "grid_high": (2.0,), "grid_counts": (3.0,)}
 @pytest.mark.parametrize(("free", "fixed"), ACTOR_CRITICS, ids=["nac", "ac"])
 @pytest.mark.parametrize(("critic", "regression", "norm"), CRITICS)
 def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agree(
-    learn: Learn,
-    rng: np.random.Generator,
-    free: type[Algorithm],
-    fixed: type[Algorithm],
-    critic: str,
-    regression: str,
-    norm: str,
+    rng: np.random.Generator, free: type[Algorithm], fixed: type[Algorithm], critic: str, regression: str, norm: str
 ) -> None:
     policy, episodes = on_a_lattice(rng)
     same = {"critic": critic, "regression": regression, "ridge_norm": norm, "ridge": 0.1, "step": FixedStep(0.3)}
@@ -221,9 +206,7 @@ def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agr
 
 
 @pytest.mark.parametrize("weighting", ["positive", "returns"])
-def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(
-    learn: Learn, rng: np.random.Generator, weighting: str
-) -> None:
+def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(rng: np.random.Generator, weighting: str) -> None:
     policy, episodes = on_a_lattice(rng)
     same = {"weighting": weighting, "reuse": 0, "ridge": 0.7, "variance": "constant"}
     algorithms = RKHSPoWER(centres=200, **same), PoWER(**GRID, **same)
@@ -234,11 +217,9 @@ def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(
 
 
 @pytest.mark.parametrize("kernel", [LINEAR, RBF((0.4,))], ids=["linear", "rbf"])
-def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, kernel: Kernel
-) -> None:
-    policy = random_policy(m=3, kernel=kernel)
-    episodes = random_episodes(policy, 4, 6, masked=True)
+def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(rng: np.random.Generator, kernel: Kernel) -> None:
+    policy = random_policy(rng, m=3, kernel=kernel)
+    episodes = random_episodes(rng, policy, 4, 6, masked=True)
     algorithm = RKHSAC(centres=60, regression="ridge", step=FixedStep(0.5))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     same = RKHSNAC(centres=60, trace=algorithm.trace, value_ridge=algorithm.value_ridge, step=FixedStep(1.0))
@@ -252,11 +233,9 @@ def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.5 / 4 * total, rtol=1e-8, atol=1e-8)
 
 
-def test_a_line_search_collects_episodes_for_each_candidate(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy)
+def test_a_line_search_collects_episodes_for_each_candidate(rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy)
     tried: list[GaussianPolicy] = []
 
     def collect(candidate: GaussianPolicy, number: int) -> Episodes:

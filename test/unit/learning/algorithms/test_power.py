@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.algorithms.algorithm import Update
 from rkhs_ros.learning.algorithms.power import PoWER
 from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, as_published, learnt
@@ -19,10 +18,8 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
+from test.unit.conftest import learn, random_episodes, random_policy
 
-Learn = Callable[..., Update]
-MakePolicy = Callable[..., GaussianPolicy]
-MakeEpisodes = Callable[..., Episodes]
 LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
 AS_IN_THE_PAPER: dict[str, Any] = {"ridge_unit": "action", "variance": "learnt"}
@@ -77,11 +74,11 @@ def weighted_step(
 @over_weightings
 @over_variances
 def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, weighting: str, state: bool
+    rng: np.random.Generator, weighting: str, state: bool
 ) -> None:
-    rbf = random_policy(d=3, learnt=state)  # its variance is over the same points
-    policy = replace(random_policy(d=3, kernel=LINEAR), variance=rbf.variance)
-    episodes = random_episodes(policy, 6, 8, masked=True)
+    rbf = random_policy(rng, d=3, learnt=state)  # its variance is over the same points
+    policy = replace(random_policy(rng, d=3, kernel=LINEAR), variance=rbf.variance)
+    episodes = random_episodes(rng, policy, 6, 8, masked=True)
     # Only the mean is compared, because the learnt variance needs a kernel without negative values.
     paper = AS_IN_THE_PAPER | {"variance": "as_published"}
     algorithm = RKHSPoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **paper)
@@ -96,11 +93,11 @@ def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
 @over_weightings
 @over_variances
 def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, weighting: str, state: bool
+    rng: np.random.Generator, weighting: str, state: bool
 ) -> None:
-    policy = random_policy(m=0)
-    policy = replace(policy, variance=random_policy(learnt=state).variance)
-    episodes = random_episodes(policy, 6, 8, masked=True)
+    policy = random_policy(rng, m=0)
+    policy = replace(policy, variance=random_policy(rng, learnt=state).variance)
+    episodes = random_episodes(rng, policy, 6, 8, masked=True)
     size: dict[str, Any] = {"grid_counts": (3.0,), "reuse": 0}
     algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **size, **AS_IN_THE_PAPER)
     moved, metrics = learn(algorithm, policy, episodes, DISCOUNT)
@@ -113,11 +110,9 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
     np.testing.assert_allclose(moved.mean.weights, step, rtol=1e-8, atol=1e-8)
 
 
-def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(m=0)
-    episodes = random_episodes(policy, 6, 8, masked=True)
+def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(rng: np.random.Generator) -> None:
+    policy = random_policy(rng, m=0)
+    episodes = random_episodes(rng, policy, 6, 8, masked=True)
     algorithm = PoWER(solution="diagonal", grid_counts=(3.0,), reuse=0)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, q = episodes.flat(episodes.observations), rewards_to_go(episodes)
@@ -132,11 +127,9 @@ def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(
 
 
 @over_variances
-def test_power_on_a_full_dictionary_is_the_full_kernel_system(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, state: bool
-) -> None:
-    policy = random_policy(kernel=RBF((0.4,)), learnt=state)
-    episodes = random_episodes(policy, 4, 5, masked=True)
+def test_power_on_a_full_dictionary_is_the_full_kernel_system(rng: np.random.Generator, state: bool) -> None:
+    policy = random_policy(rng, kernel=RBF((0.4,)), learnt=state)
+    episodes = random_episodes(rng, policy, 4, 5, masked=True)
     algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2, **AS_IN_THE_PAPER)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, gram = full_gram(policy, episodes)
@@ -157,11 +150,9 @@ def full_gram(policy: GaussianPolicy, episodes: Episodes) -> tuple[np.ndarray, n
 
 
 @over_variances
-def test_the_published_weighting_solves_the_papers_system(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, state: bool
-) -> None:
-    policy = random_policy(kernel=RBF((0.4,)), learnt=state)
-    episodes = random_episodes(policy, 4, 5, masked=True)
+def test_the_published_weighting_solves_the_papers_system(rng: np.random.Generator, state: bool) -> None:
+    policy = random_policy(rng, kernel=RBF((0.4,)), learnt=state)
+    episodes = random_episodes(rng, policy, 4, 5, masked=True)
     algorithm = RKHSPoWER(centres=60, ridge=0.5, value_ridge=0.2, weighting="as_published", variance="learnt")
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, gram = full_gram(policy, episodes)
@@ -179,12 +170,10 @@ def test_the_published_weighting_solves_the_papers_system(
 
 
 @pytest.mark.parametrize("kernel", [RBF((0.02,)), RBF((0.02,)) * Polynomial(2.0, 1)], ids=["rbf", "product"])
-def test_the_published_variance_matches_the_papers_formula(
-    random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator, kernel: Kernel
-) -> None:
+def test_the_published_variance_matches_the_papers_formula(rng: np.random.Generator, kernel: Kernel) -> None:
     # The kernel functions are nearly orthogonal; the ridge of the sparsification changes them by 1e-7.
-    policy = random_policy(kernel=kernel)
-    samples = Samples.in_newton_basis(policy, random_episodes(policy, 3, 5, masked=True), 60)
+    policy = random_policy(rng, kernel=kernel)
+    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 3, 5, masked=True), 60)
     signed = rng.normal(size=len(samples.observations))
     variance = as_published(samples, signed, 0.1, 2.0)
     values = np.zeros((len(signed), 2))
@@ -226,11 +215,11 @@ def test_a_learnt_variance_is_within_its_bounds_for_any_weights(
     assert np.all((variance >= 0.6**2) & (variance <= 0.9**2))  # false for nan
 
 
-def test_the_learnt_variance_is_a_kernel_weighted_mean_of_squared_exploration(
-    random_policy: MakePolicy, random_episodes: MakeEpisodes, rng: np.random.Generator
-) -> None:
-    policy = random_policy(kernel=RBF((0.4,)))
-    samples = Samples.in_newton_basis(policy, random_episodes(policy, 4, 5, masked=True), 60)  # each sample is a centre
+def test_the_learnt_variance_is_a_kernel_weighted_mean_of_squared_exploration(rng: np.random.Generator) -> None:
+    policy = random_policy(rng, kernel=RBF((0.4,)))
+    samples = Samples.in_newton_basis(
+        policy, random_episodes(rng, policy, 4, 5, masked=True), 60
+    )  # each sample is a centre
     q = rng.uniform(size=len(samples.observations))
     x = rng.normal(size=(9, 2))
     expected = np.zeros((9, 2))
@@ -256,11 +245,9 @@ over_powers = pytest.mark.parametrize("algorithm", [RKHSPoWER(reuse=3), PoWER(re
 
 
 @over_powers
-def test_the_best_episodes_so_far_are_stored(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, algorithm: WeightedExploration
-) -> None:
-    policy, memory = random_policy(), None
-    collected = [random_episodes(policy, n, 8, masked=True) for n in (2, 6, 6)]
+def test_the_best_episodes_so_far_are_stored(rng: np.random.Generator, algorithm: WeightedExploration) -> None:
+    policy, memory = random_policy(rng), None
+    collected = [random_episodes(rng, policy, n, 8, masked=True) for n in (2, 6, 6)]
     for k, episodes in enumerate(collected):
         memory = algorithm.remembered(episodes if memory is None else episodes + memory, DISCOUNT)
         everything = [
@@ -274,11 +261,9 @@ def test_the_best_episodes_so_far_are_stored(
 
 
 @over_powers
-def test_reused_episodes_count_like_new_ones(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes, algorithm: WeightedExploration
-) -> None:
-    policy = random_policy()
-    episodes = random_episodes(policy, 8)
+def test_reused_episodes_count_like_new_ones(rng: np.random.Generator, algorithm: WeightedExploration) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy, 8)
     whole, split, forgotten = (
         learn(algorithm, policy, episodes.take(slice(n)), DISCOUNT, memory=memory).policy
         for n, memory in ((8, None), (5, episodes.take(slice(5, 8))), (5, None))
@@ -289,15 +274,13 @@ def test_reused_episodes_count_like_new_ones(
     assert np.abs(split.mean(x) - forgotten.mean(x)).max() > 1e-3
 
 
-def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(
-    learn: Learn, random_policy: MakePolicy, random_episodes: MakeEpisodes
-) -> None:
-    policy = random_policy(d=3)
+def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(rng: np.random.Generator) -> None:
+    policy = random_policy(rng, d=3)
     for name in ("grid_low", "grid_high", "grid_counts"):
         algorithm = replace(PoWER(), **{name: (1.0, 2.0)})
         with pytest.raises(ValueError, match=rf"algorithm\.{name}: expected 1 or 3 numbers, got 2"):
-            learn(algorithm, policy, random_episodes(policy))
+            learn(algorithm, policy, random_episodes(rng, policy))
     with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected at most 100000 centres in total, got 1250"):
-        learn(PoWER(grid_counts=(50.0,)), policy, random_episodes(policy))
+        learn(PoWER(grid_counts=(50.0,)), policy, random_episodes(rng, policy))
     with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected whole numbers, got \[2\.5, 2\.5, 2\.5\]"):
-        learn(PoWER(grid_counts=(2.5,)), policy, random_episodes(policy))
+        learn(PoWER(grid_counts=(2.5,)), policy, random_episodes(rng, policy))
