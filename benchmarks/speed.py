@@ -191,7 +191,7 @@ def main(sizes: Sizes) -> None:
     for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
         updates(CONFIGS / f"pendulum_{name}.yaml", sizes)
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=trajectory"])
-    updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.regression=pursuit"])
+    updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=pursuit"])
     for name in ("ac", "npg", "nac", "power"):
         once(CONFIGS / f"pendulum_pomdp_{name}.yaml", sizes, "(aim 100 ms)")
     once(CONFIGS / "pendulum_pomdp_enac.yaml", sizes, "")

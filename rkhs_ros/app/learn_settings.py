@@ -33,7 +33,7 @@ class LearnSettings(TypedDict, total=False):
         action_repeat: number of steps for which the policy holds an action, or "auto".
         exploration_sd: first standard deviation of the actions, one or one per dimension, in units of the action; or
             "range" for half the range of each action.
-        inputs: what the policy observes: history, angles, polynomial features.
+        inputs: what the policy observes: history and angles.
         kernel: the kernel, how it is chosen, or its form such as "rbf + linear".
         model: model-based training: a `ModelBased`, "gaussian_process" or "none".
         policy: the initial policy, or its file.

@@ -27,7 +27,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
-NOT_TESTED = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
+NOT_TESTED = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
 TOO_FAST = 0.6  # change per decision above which the policy hardly reacts, in standard deviations
 
 

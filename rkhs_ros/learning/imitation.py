@@ -48,7 +48,7 @@ class Imitation(Settings):
             ValueError: there is no step, or the inputs do not match the observations.
         """
         require(bool(episodes.mask.any()), "episodes", "at least one step", "none")
-        inputs = self.inputs.within(spaces)
+        inputs = self.kernel.inputs_of(self.inputs).within(spaces)
         demonstrated = episodes.decisions(self.action_repeat, UNDISCOUNTED, spaces).with_inputs(inputs)
         points, actions = demonstrated.flat(demonstrated.observations), demonstrated.flat(demonstrated.actions)
         kernel = self.kernel.fit(points, inputs.ages)

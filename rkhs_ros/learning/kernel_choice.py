@@ -1,7 +1,7 @@
 """Settings of the policy's kernel, whose bandwidths can be estimated from data."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add, mul
 
@@ -9,14 +9,21 @@ import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, pick, require
-from rkhs_ros.rkhs.kernels import RBF, Array, Kernel, Linear, Polynomial, deviations, median_bandwidth
+from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.rkhs.kernels import LINEAR, RBF, Array, Kernel, Linear, Polynomial, deviations, median_bandwidth
+
+MONOMIALS = "monomials"
 
 
 @dataclass(frozen=True)
 class KernelChoice(Settings):
     """The settings of the policy's kernel."""
 
-    form: str = setting("rbf", "kernel names joined by + and *, such as 'rbf + polynomial'")
+    form: str = setting(
+        "rbf",
+        "kernel names joined by + and *, such as 'rbf + polynomial'; or 'monomials': the polynomial kernel as a linear "
+        "one of the inputs' monomials, in which a small offset loses no precision",
+    )
     bandwidth: str | tuple[float, ...] = setting(
         "dimension",
         "bandwidths of rbf in the inputs' units: one number for all inputs; one number per input; or one number per "
@@ -29,19 +36,26 @@ class KernelChoice(Settings):
         choices=("median", "dimension"),
     )
     bandwidth_scale: float = setting(1.0, "factor on the bandwidths", minimum=1e-6, maximum=1e6)
-    offset: float = setting(1.0, "offset c of the polynomial kernel", minimum=0.0, maximum=1e6)
-    degree: int = setting(3, "degree of the polynomial kernel", minimum=1, maximum=20)
+    offset: float = setting(1.0, "offset c of a polynomial kernel or of monomials", minimum=0.0, maximum=1e6)
+    degree: int = setting(3, "degree of a polynomial kernel or of monomials", minimum=1, maximum=20)
 
     def __post_init__(self) -> None:
         """Raise ValueError if a value is invalid or the form names an unknown kernel."""
         super().__post_init__()
-        for name in self.form.replace("*", "+").split("+"):
-            pick(name.strip(), KERNELS, "kernel")
+        names = [name.strip() for name in self.form.replace("*", "+").split("+")]
+        for name in names:
+            pick(name, KERNELS, "kernel")
+        require(MONOMIALS not in names or self.form == MONOMIALS, "kernel.form", f"{MONOMIALS} alone", self.form)
 
     @property
     def is_for_given_inputs(self) -> bool:
         """Whether the kernel does not fit other inputs, because there is one bandwidth per input."""
         return "rbf" in self.form and not isinstance(self.bandwidth, str) and len(self.bandwidth) > 1
+
+    def inputs_of(self, inputs: Inputs) -> Inputs:
+        """Return the inputs of the kernel: their monomials if this is its form, otherwise themselves."""
+        degree, offset = (self.degree, self.offset) if self.form == MONOMIALS else (0, 1.0)
+        return replace(inputs, degree=degree, offset=offset)
 
     def fit(self, points: Array, ages: int = 1) -> Kernel:
         """Build the kernel; bandwidths that are not given are estimated from the points.
@@ -79,9 +93,13 @@ class KernelChoice(Settings):
     def _polynomial(self, points: Array, ages: int) -> Kernel:
         return Polynomial(self.offset, self.degree)
 
+    def _monomials(self, points: Array, ages: int) -> Kernel:
+        return LINEAR
+
 
 KERNELS: dict[str, Callable[[KernelChoice, Array, int], Kernel]] = {
     "rbf": KernelChoice._rbf,
     "polynomial": KernelChoice._polynomial,
     "linear": KernelChoice._linear,
+    MONOMIALS: KernelChoice._monomials,
 }

@@ -111,6 +111,7 @@ class Training(Settings):
     def __post_init__(self) -> None:
         """Raise ValueError if a value is invalid, or a line search would need real episodes in the model."""
         super().__post_init__()
+        object.__setattr__(self, "inputs", self.kernel.inputs_of(self.inputs))
         searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
         good = not (searches and isinstance(self.model, ModelBased))
         require(good, "algorithm.step.rule", "fixed or kl for model.form=gaussian_process", "line_search")

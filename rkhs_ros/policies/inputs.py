@@ -23,7 +23,8 @@ class Inputs(Settings):
     r"""The map from a history :math:`(o_0, a_0, \dots, o_t)` to the input of the policy's functions.
 
     The policy evaluates it step by step; the learner evaluates all steps at once. Actions are clipped to their bounds,
-    as in the task. The bounds are not settings: `within` takes them from the task.
+    as in the task. The bounds are not settings: `within` takes them from the task. ``degree`` and ``offset`` of
+    monomials follow from ``kernel.form=monomials``.
     """
 
     history: int = setting(
@@ -40,11 +41,11 @@ class Inputs(Settings):
         maximum=10_000,
         choices=("none",),
     )
-    degree: int = setting(0, "degree of the monomials that replace the inputs; 0: no monomials", minimum=0, maximum=20)
-    offset: float = setting(1.0, "offset c of the polynomial kernel that the monomials span", minimum=1e-9, maximum=1e6)
     turns: tuple[float, ...] = setting(
         (), "value of a full turn of each angle, such as 360; empty for radians", minimum=1e-12, maximum=1e12
     )
+    degree: int = 0  # of the monomials that replace the inputs; 0: no monomials
+    offset: float = 1.0  # c of the polynomial kernel that the monomials span
     action_low: tuple[float, ...] = field(default=(), compare=False)  # empty: unbounded
     action_high: tuple[float, ...] = field(default=(), compare=False)
 
@@ -56,6 +57,7 @@ class Inputs(Settings):
         require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
         good = len(self.turns) in (0, len(self.columns))
         require(good, "inputs.turns", f"{len(self.columns)} numbers, one per angle, or none", self.turns)
+        require(0 <= self.degree <= 20 and self.offset >= 0, "monomials", "a degree of at most 20", self.degree)
         bounds = (self.action_low, self.action_high)
         good = len(bounds[0]) == len(bounds[1]) and all(low <= high for low, high in zip(*bounds, strict=True))
         require(good, "inputs.action_low", "a number for each action, at most that of action_high", bounds)

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import require, require_finite
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -154,11 +152,15 @@ def _kernel(terms: Iterable[Any]) -> Kernel:
 
 def _inputs_of(message: Any, d: int) -> Inputs:
     require(len(message.angles) <= d, "inputs.angles", f"at most {d} columns, one per input", len(message.angles))
-    numbers = {"history": message.history, "degree": message.degree, "offset": message.offset}
-    lists = {"angles": message.angles, "turns": message.turns}
-    angles = {name: [float(value) for value in values] for name, values in lists.items() if len(values)}
-    low, high = (tuple(map(float, bound)) for bound in (message.action_low, message.action_high))
-    return replace(build(Inputs, {**numbers, **angles}, "inputs."), action_low=low, action_high=high)
+    return Inputs(
+        history=message.history,
+        angles=tuple(map(float, message.angles)) or "none",
+        turns=tuple(message.turns),
+        degree=message.degree,
+        offset=message.offset,
+        action_low=tuple(message.action_low),
+        action_high=tuple(message.action_high),
+    )
 
 
 def _variance_fields(types: Any, variance: Variance) -> Mapping[str, Any]:

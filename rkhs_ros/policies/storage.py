@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +12,6 @@ from zipfile import ZipFile
 import numpy as np
 
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import finite_array, require
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -22,6 +21,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Kernel, Term, kernel_from_terms
 
 SCHEMA = 3
+INPUTS = ("history", "angles", "degree", "offset", "turns")
 NAMES = ("observation_names", "action_names")  # optional arrays of a file
 # Parts of the variance by their names in a file.
 VARIANCE = {"values": "variance"} | {part: f"variance_{part}" for part in ("centres", "mass", "minimum", "maximum")}
@@ -144,7 +144,7 @@ def policy_arrays(policy: GaussianPolicy) -> Arrays:
         "bias": np.array(policy.mean.bias),
         **{name: parts[part] for part, name in VARIANCE.items() if part in parts},
         **(_kernel_arrays("variance_kernel", kernel) if kernel else {}),
-        "inputs": np.array(json.dumps({entry.name: entry.value for entry in entries(policy.inputs)})),
+        "inputs": np.array(json.dumps({name: getattr(policy.inputs, name) for name in INPUTS})),
         "window_bounds": np.array([policy.inputs.action_low, policy.inputs.action_high]),
         "noise": np.array(policy.noise),
         "action_repeat": np.array(policy.action_repeat),
@@ -160,7 +160,7 @@ def policy_of(arrays: Arrays) -> GaussianPolicy:
     """
     mean = Function(_kernel(arrays, "kernel"), arrays["centres"], arrays["weights"], tuple(arrays["bias"].tolist()))
     low, high = (tuple(bound.tolist()) for bound in arrays["window_bounds"])
-    inputs = replace(build(Inputs, json.loads(str(arrays["inputs"])), "inputs."), action_low=low, action_high=high)
+    inputs = Inputs(**json.loads(str(arrays["inputs"])), action_low=low, action_high=high)
     (action_repeat,) = whole_numbers(arrays["action_repeat"].reshape(1), "action_repeat")
     kernel = _kernel(arrays, "variance_kernel") if "variance_kernel" in arrays else None
     variance = variance_from(kernel, {part: arrays[name] for part, name in VARIANCE.items() if name in arrays})

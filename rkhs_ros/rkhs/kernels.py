@@ -172,6 +172,9 @@ class Polynomial(Kernel):
         return (Term("polynomial", (float(self.offset), float(self.degree))),)
 
 
+LINEAR = Polynomial(0.0, 1)
+
+
 @dataclass(frozen=True)
 class Linear(Kernel):
     r"""Linear kernel about a centre, with one scale per dimension.

@@ -14,7 +14,7 @@ import pytest
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.kernel_choice import KERNELS
+from rkhs_ros.learning.kernel_choice import KERNELS, MONOMIALS
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -26,10 +26,10 @@ from sim_nodes.envs import TASKS
 SIZES = {"rkhs/PendulumPOMDP-v0": 2, "rkhs/CartPoleSwingUp-v0": 2}  # of the grid, per dimension
 WINDOWS = {"rkhs/PendulumPOMDP-v0": 3}
 TASK = "rkhs/Pendulum-v0"
-WIDE = {"grid_low": [-4.0], "grid_high": [4.0]}  # contains all observations
 BUDGET = 15
-TRIES = 5
-FORMS = [*KERNELS, *(f"{a} {sign} {b}" for a in KERNELS for b in KERNELS for sign in "+*")]
+TRIES = 50  # of a line search
+JOINED = [form for form in KERNELS if form != MONOMIALS]
+FORMS = [*KERNELS, *(f"{a} {sign} {b}" for a in JOINED for b in JOINED for sign in "+*")]
 FREE, ON_GRID = "rkhs_nac", "power"  # an algorithm with centres of its own, and one with a grid
 
 
@@ -51,11 +51,9 @@ def choices() -> Iterator[Any]:
 
 def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **changes: Any) -> Training:
     on_grid = issubclass(ALGORITHMS[algorithm], GridSettings)
-    size = {"grid_counts": SIZES.get(task, 3), **WIDE} if on_grid else {"centres": BUDGET}
+    size = {"grid": [-4.0, 4.0, SIZES.get(task, 3)]} if on_grid else {"centres": BUDGET}
     # A window contains the policy's unclipped actions, of which a polynomial can grow without bound.
     history = WINDOWS.get(task, 1) if "polynomial" not in form and form != "linear * linear" else 1
-    if changes.get("step") == {"rule": "line_search"}:
-        changes["step"] = {"rule": "line_search", "choices": TRIES}
     tree: dict[str, Any] = {
         "seed": seed,
         "iterations": 2,

@@ -59,7 +59,7 @@ RUNS = {
     "function variance": (
         "rkhs/Toy-v0",
         "rkhs_power",
-        ("kernel.form=rbf + polynomial", "kernel.degree=2", "inputs.degree=5", "inputs.offset=0.2", "horizon=12",
+        ("kernel.form=monomials", "kernel.degree=5", "kernel.offset=0.2", "horizon=12",
          "algorithm.centres=15", "algorithm.variance=as_published", "algorithm.reuse=2", "discount=0.9"),
         "ros",
     ),
@@ -67,7 +67,7 @@ RUNS = {
         "rkhs/Pendulum-v0",
         "power",
         ("environment.options.angle=wrap", "inputs.angles=[0]", "kernel.bandwidth=3.0", "horizon=200",
-         "algorithm.grid_low=-2", "algorithm.grid_high=2", "algorithm.grid_counts=3", "exploration_sd=[2.0]",
+         "algorithm.grid=[-2,2,3]", "exploration_sd=[2.0]",
          "algorithm.variance=learnt", "action_repeat=auto"),
         "composed",
     ),
@@ -75,7 +75,7 @@ RUNS = {
         "rkhs/PendulumPOMDP-v0",
         "rkhs_nac",
         ("inputs.history=3", "inputs.angles=[0]", "algorithm.centres=20", "algorithm.critic=trajectory", "horizon=20",
-         "algorithm.ridge_norm=scale_free", "algorithm.variance=learnt", "algorithm.reuse=2"),
+         "algorithm.variance=learnt", "algorithm.reuse=2"),
         "ros",
     ),
 }  # fmt: skip

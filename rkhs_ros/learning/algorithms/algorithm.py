@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithms.function_spaces import FunctionSpace
 from rkhs_ros.learning.algorithms.step_rules import StepRule
 from rkhs_ros.learning.episodes import Episodes
@@ -76,9 +77,18 @@ class Algorithm(Settings, ABC):
     exploration_decay: float = setting(
         1.0, "factor on the standard deviation after each iteration, if it is not learnt", minimum=0.0, maximum=1.0
     )
-    exploration_minimum: float = setting(
-        0.05, "minimum of a decaying standard deviation, in units of the action", minimum=1e-6, maximum=1e6
+    sd_range: tuple[float, ...] = setting(
+        (0.05, 4.0),
+        "minimum of a decaying standard deviation, and bounds of one that depends on the state, in units of the action",
+        minimum=1e-6,
+        maximum=1e6,
     )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a value is invalid or the bounds of the standard deviation are swapped."""
+        super().__post_init__()
+        good = len(self.sd_range) == 2 and self.sd_range[0] <= self.sd_range[1]
+        require(good, "algorithm.sd_range", "a minimum and a maximum", self.sd_range)
 
     @property
     @abstractmethod
@@ -156,7 +166,7 @@ class Algorithm(Settings, ABC):
         Raises:
             ValueError: the variance depends on the state.
         """
-        return _constant_variance(policy).decay(self.exploration_decay, self.exploration_minimum)
+        return _constant_variance(policy).decay(self.exploration_decay, self.sd_range[0])
 
 
 def _constant_variance(policy: GaussianPolicy) -> ConstantVariance:

@@ -5,23 +5,22 @@ They assume that the advantage is compatible with the policy, that is, linear in
 .. math:: A(s, a) = \langle w, K(s, \cdot)\, u \rangle, \qquad u = \Sigma^{-1} (a - h(s))
 
 Then w is the natural gradient. A critic has one equation per step or per episode, and solves its equations by ridge
-regression or by kernel matching pursuit: four critics in total. They return coefficients in the samples' basis. In a
-Newton basis, the squared norm of the coefficients is the squared RKHS norm of the function.
+regression or by kernel matching pursuit. It returns coefficients in the samples' basis. In a Newton basis, the squared
+norm of the coefficients is the squared RKHS norm of the function. In the coordinates of a linear kernel, ridges weight
+each squared coefficient by the mean square of its column, so the scale of the coordinates has no effect.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from rkhs_ros.learning.samples import Rows, Samples
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import LINEAR, Array
 from rkhs_ros.rkhs.pursuit import pursue_atoms
 from rkhs_ros.rkhs.regression import by_blocks, relative_ridge_regression, ridge_regression_by_blocks
 
 TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, negligibly small
-RIDGE_NORMS = ("norm", "scale_free")
 
 
 class Critic(Protocol):
@@ -36,15 +35,9 @@ class Critic(Protocol):
         """
 
 
-def ridge_scales(columns: Array, ridge_norm: str) -> Array:
-    """Return the weight of each squared coefficient in the ridge penalty, shape (p,).
-
-    Args:
-        columns: features, shape (samples, p).
-        ridge_norm: ``norm``: weights of 1, which penalise the norms of functions; ``scale_free``: the mean square of
-            each column, which makes the penalty independent of the units of the coordinates.
-    """
-    if ridge_norm == "norm":
+def ridge_scales(samples: Samples, columns: Array) -> Array:
+    """Return the weight of each squared coefficient in the ridge penalty, shape (p,), for columns of shape (n, p)."""
+    if samples.basis.kernel != LINEAR:
         return np.ones(columns.shape[1])
     squares = np.mean(columns**2, axis=0)
     return np.where(squares > 0, squares, 1.0)
@@ -58,13 +51,11 @@ class ValueBaseline:
 
     Attributes:
         ridge: penalty on the squared norm of V.
-        ridge_norm: one of `RIDGE_NORMS`.
         trace: lambda of the returns. Below 1, the returns contain less noise of distant steps, but are biased by the
             error of the values; at 1 they are the rewards to go.
     """
 
     ridge: float
-    ridge_norm: str = "norm"
     trace: float = 1.0
 
     def values(self, samples: Samples, discount: float) -> Array:
@@ -92,7 +83,7 @@ class ValueBaseline:
 
     def penalty(self, samples: Samples) -> Array:
         """Return the penalties on the coefficients of V, followed by those of the trend, shape (m + 3,)."""
-        state = self.ridge * ridge_scales(samples.features, self.ridge_norm)
+        state = self.ridge * ridge_scales(samples, samples.features)
         return np.concatenate([state, np.full(samples.time_features.shape[1], TREND_RIDGE)])
 
 
@@ -108,12 +99,10 @@ class StepCritic:
     Attributes:
         ridge: penalty on the squared norm of w in these units.
         baseline: V and the trend; its lambda returns are the left-hand side.
-        ridge_norm: one of `RIDGE_NORMS`.
     """
 
     ridge: float
     baseline: ValueBaseline
-    ridge_norm: str = "norm"
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
@@ -131,9 +120,9 @@ class StepCritic:
 
     def _scales(self, samples: Samples) -> Array:
         """Return the weight of each squared coefficient of w in the penalty, shape (m n,)."""
-        if self.ridge_norm == "norm":  # avoids the score features of all samples at once
+        if samples.basis.kernel != LINEAR:  # avoids the score features of all samples at once
             return np.ones(samples.features.shape[1] * samples.exploration.shape[1])
-        return ridge_scales(samples.deviation * samples.score_features, self.ridge_norm)
+        return ridge_scales(samples, samples.deviation * samples.score_features)
 
 
 @dataclass(frozen=True)
@@ -146,24 +135,24 @@ class TrajectoryCritic:
 
     Attributes:
         ridge: penalty on the squared norm of w, relative to the mean diagonal of the Gram matrix.
-        ridge_norm: one of `RIDGE_NORMS`.
     """
 
     ridge: float
-    ridge_norm: str = "norm"
 
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
         features = samples.trajectory_features(discount)
-        units = np.sqrt(ridge_scales(features, self.ridge_norm))
+        units = np.sqrt(ridge_scales(samples, features))
         scaled = features / units
         solution = relative_ridge_regression(scaled, samples.episodes.returns(discount), self.ridge)
         return samples.as_coefficients(solution / units)
 
 
 @dataclass(frozen=True)
-class StepPursuitCritic:
-    """A critic with one equation per step, solved by kernel matching pursuit for the returns minus the values.
+class PursuitCritic:
+    r"""A critic with one equation per step, solved by kernel matching pursuit for the returns minus the values.
+
+    It returns :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11).
 
     Attributes:
         ridge: penalty on the squared norm of w, in the units of the step critic.
@@ -176,41 +165,10 @@ class StepPursuitCritic:
     def fit(self, samples: Samples, discount: float) -> Array:
         """Return the coefficients of w, shape (m, n)."""
         advantages = self.baseline.advantages(samples, discount)
-        return _pursue_w(samples, _scores(samples), advantages, self.ridge)
+        deviation, (count, budget) = samples.deviation, samples.features.shape
 
+        def scores(rows: Rows) -> Array:  # in the units of the step critic
+            return deviation * samples.score_features_of(rows)
 
-@dataclass(frozen=True)
-class TrajectoryPursuitCritic:
-    """A critic with one equation per episode, solved by kernel matching pursuit for the returns minus their mean.
-
-    Attributes:
-        ridge: penalty on the squared norm of w, in the units of the step critic.
-    """
-
-    ridge: float
-
-    def fit(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w, shape (m, n)."""
-        features = samples.deviation * samples.trajectory_features(discount)
-        returns = samples.episodes.returns(discount)
-        return _pursue_w(samples, features.__getitem__, returns - returns.mean(), self.ridge)
-
-
-def _scores(samples: Samples) -> Callable[[Rows], Array]:
-    """Return a function from samples to their score features in the units of the step critic."""
-    deviation = samples.deviation
-    return lambda rows: deviation * samples.score_features_of(rows)
-
-
-def _pursue_w(samples: Samples, rows: Callable[[slice], Array], targets: Array, ridge: float) -> Array:
-    r"""Return the coefficients of :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11).
-
-    Args:
-        samples: samples of the iteration, whose kernel functions are the candidates.
-        rows: returns the features of a slice of the equations for w, shape (rows, m n).
-        targets: returns or advantages to which w is fitted, shape (equations,).
-        ridge: penalty on the squared norm of w.
-    """
-    scores, (count, budget) = _scores(samples), samples.features.shape
-    chosen, weights = pursue_atoms(rows, targets[:, None], scores, count, budget=budget, ridge=ridge)
-    return samples.deviation * samples.as_coefficients(weights[:, 0] @ scores(chosen))
+        chosen, weights = pursue_atoms(scores, advantages[:, None], scores, count, budget=budget, ridge=self.ridge)
+        return deviation * samples.as_coefficients(weights[:, 0] @ scores(chosen))

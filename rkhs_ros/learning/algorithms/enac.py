@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting
-from rkhs_ros.learning.algorithms.actor_critic import EQUATIONS, ActorCritic
+from rkhs_ros.learning.algorithms.actor_critic import ActorCritic, critic_setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -17,9 +17,7 @@ class ENAC(GridSettings, ActorCritic):
         R(\xi) = \langle w, \sum_t \gamma^t \phi(s_t)\, u_t \rangle + V(s_0)
     """
 
-    critic: str = setting(
-        "trajectory", "equations of the critic: one per step, or one per episode (trajectory)", choices=EQUATIONS
-    )
+    critic: str = critic_setting("trajectory")
     ridge: float = setting(
         0.1,
         "penalty on the critic's weights; with one equation per episode, relative to the mean diagonal of the Gram "

@@ -6,16 +6,15 @@ from typing import Protocol
 
 import numpy as np
 
-from rkhs_ros.base.settings import setting
-from rkhs_ros.base.validation import numbers, require
+from rkhs_ros.base.settings import Settings, setting
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function, grid
-from rkhs_ros.rkhs.kernels import Array, Polynomial
+from rkhs_ros.rkhs.kernels import LINEAR, Array
 from rkhs_ros.rkhs.pursuit import sparsify
 
-LINEAR = Polynomial(0.0, 1)
 MAX_GRID_CENTRES = 100_000
 
 
@@ -69,14 +68,10 @@ class Grid:
     """The span of kernel functions on a fixed grid, with the Euclidean norm of the weights (Eq 3).
 
     Attributes:
-        low: lower corner, one number or one per input.
-        high: upper corner, one number or one per input.
-        counts: number of centres along each dimension, one whole number or one per input.
+        axes: lower end, upper end and number of centres along each dimension, which repeat over the inputs.
     """
 
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    counts: tuple[float, ...]
+    axes: tuple[float, ...]
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
         """Return the samples in the basis of the grid's kernel functions."""
@@ -90,16 +85,14 @@ class Grid:
         """Return the points of the grid over d inputs, shape (m, d).
 
         Raises:
-            ValueError: there are not one or d numbers, a count is not whole, or there are too many centres.
+            ValueError: the axes do not fit d inputs, or there are too many centres.
         """
-        corners = {"grid_low": self.low, "grid_high": self.high, "grid_counts": self.counts}
-        for name, given in corners.items():
-            require(len(given) in (1, d), f"algorithm.{name}", numbers(1, d), len(given))
-        low, high, counts = (np.broadcast_to(given, (d,)) for given in corners.values())
-        require(all(count == int(count) for count in counts), "algorithm.grid_counts", "whole numbers", counts.tolist())
+        axes = np.reshape(self.axes, (-1, 3))
+        require(d % len(axes) == 0, "algorithm.grid", f"3 numbers, or 3 for each of {d} inputs", len(self.axes))
+        low, high, counts = np.tile(axes, (d // len(axes), 1)).T
         sizes = tuple(int(count) for count in counts)
         most = f"at most {MAX_GRID_CENTRES} centres in total"
-        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid_counts", most, prod(sizes))
+        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid", most, prod(sizes))
         return grid(low, high, sizes)
 
 
@@ -116,20 +109,24 @@ class SparseSettings:
 
 
 @dataclass(frozen=True)
-class GridSettings:
+class GridSettings(Settings):
     """Settings of algorithms that search the weights on a grid of centres."""
 
-    grid_low: tuple[float, ...] = setting(
-        (-1.0,), "lower corner of the grid of centres, one number or one per input", minimum=-1e9, maximum=1e9
+    grid: tuple[float, ...] = setting(
+        (-1.0, 1.0, 5.0),
+        "lower end, upper end and number of the centres along each input: 3 numbers for all inputs, or 3 for each; "
+        "those of the inputs of a time step repeat over a history",
+        minimum=-1e9,
+        maximum=1e9,
     )
-    grid_high: tuple[float, ...] = setting(
-        (1.0,), "upper corner of the grid of centres, one number or one per input", minimum=-1e9, maximum=1e9
-    )
-    grid_counts: tuple[float, ...] = setting(
-        (5.0,), "number of centres along each dimension, one number or one per input", minimum=1, maximum=10_000
-    )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a value is invalid or the number of centres along an input is not a whole number."""
+        super().__post_init__()
+        good = len(self.grid) % 3 == 0 and all(count >= 1 and count == int(count) for count in self.grid[2::3])
+        require(good, "algorithm.grid", "lower end, upper end and whole number of centres", self.grid)
 
     @property
     def space(self) -> Grid:
         """Function space of the search."""
-        return Grid(self.grid_low, self.grid_high, self.grid_counts)
+        return Grid(self.grid)

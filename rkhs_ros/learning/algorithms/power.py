@@ -7,7 +7,11 @@ import numpy as np
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import GridSettings
-from rkhs_ros.learning.algorithms.weighted_exploration import WEIGHTINGS, WeightedExploration, weighted_regression
+from rkhs_ros.learning.algorithms.weighted_exploration import (
+    WeightedExploration,
+    weighted_regression,
+    weighting_setting,
+)
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
@@ -22,27 +26,22 @@ class PoWER(GridSettings, WeightedExploration):
 
     Exploration noise of the actions stands for exploration noise of the parameters,
     :math:`\epsilon_t = \phi(s_t)^\top \varepsilon_t`.
-    The solution ``full`` uses the matrix :math:`W = \phi \phi^\top / g` of Kober and Peters:
+    The update uses the matrix :math:`W = \phi \phi^\top / g` of Kober and Peters:
 
     .. math:: \theta' = \theta + \Big(\sum_t q_t W_t + \lambda I\Big)^{-1} \sum_t q_t W_t\, \varepsilon_t
     """
 
-    weighting: str = setting("returns", "how the exploration of a step is weighted", choices=WEIGHTINGS)
+    weighting: str = weighting_setting("returns")
     reuse: int = setting(5, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
-    solution: str = setting(
-        "full",
-        "how the update solves for the weights: with the matrix W of Kober and Peters, or per weight (Eq 6)",
-        choices=("full", "diagonal"),
-    )
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
         samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3
         q = self.weights(samples, experience.discount)
-        if self.solution == "full":
-            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # the matrix W: Eq 23 in phi
-        else:
+        if self.weighting == "as_published":
             change = mean_exploration(samples, q)  # Eq 6
+        else:  # the matrix W: Eq 23 in phi
+            change = weighted_regression(samples, q, self.ridge, relative=not self.learns_variance)
         return self.advance(policy, change, samples, q)  # theta + change; the variance by Eq 24
 
 

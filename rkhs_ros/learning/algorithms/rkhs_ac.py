@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from rkhs_ros.base.settings import setting, variant
-from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
+from rkhs_ros.base.settings import variant
+from rkhs_ros.learning.algorithms.actor_critic import ActorCritic, critic_setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
@@ -18,11 +18,7 @@ class RKHSAC(SparseSettings, ActorCritic):
         u = \Sigma^{-1} (a - h(s))
     """
 
-    regression: str = setting(
-        "pursuit",
-        "how the critic solves its equations: ridge regression, or kernel matching pursuit after subtracting the value",
-        choices=("ridge", "pursuit"),
-    )
+    critic: str = critic_setting("pursuit")
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:

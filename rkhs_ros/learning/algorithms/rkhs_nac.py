@@ -29,7 +29,7 @@ class RKHSNAC(SparseSettings, ActorCritic):
 
     value_ridge: float = setting(0.001, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     trace: float = setting(
-        0.95, "lambda of the lambda-returns that the step critic fits; 1: rewards to go", minimum=0.0, maximum=1.0
+        0.95, "lambda of the lambda-returns that the critic fits per step; 1: rewards to go", minimum=0.0, maximum=1.0
     )
     variance: str = setting(
         "constant",

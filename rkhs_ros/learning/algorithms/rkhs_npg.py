@@ -2,16 +2,11 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
-from rkhs_ros.learning.algorithms.critics import ValueBaseline
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
-from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.regression import relative_ridge_regression
 
 
@@ -28,29 +23,19 @@ class RKHSNPG(SparseSettings, Algorithm):
 
     baseline: str = setting(
         "intercept",
-        "what is subtracted from the returns. intercept: an intercept of the regression. value: also the value of the "
-        "first state. as_published: nothing",
-        choices=("intercept", "value", "as_published"),
+        "what is subtracted from the returns. intercept: an intercept of the regression. as_published: nothing",
+        choices=("intercept", "as_published"),
     )
     ridge: float = setting(
         0.1, "ridge lambda N, relative to the mean diagonal of the Gram matrix", minimum=1e-12, maximum=1e6
     )
-    value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
         samples = self.space.samples(policy, experience.episodes)
         scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
-        returns = self._returns(samples, experience.discount)  # R
+        returns = samples.episodes.returns(experience.discount)  # R
         with_intercept = self.baseline != "as_published"
         gradient = relative_ridge_regression(scores, returns, self.ridge, intercept=with_intercept)  # with R hat, Eq 18
         return self.gradient_step(policy, samples.as_coefficients(gradient), samples, experience, self.step)  # Eq 20
-
-    def _returns(self, samples: Samples, discount: float) -> Array:
-        """Return R, minus the value of the first state if that is the baseline, shape (N,)."""
-        returns = samples.episodes.returns(discount)
-        if self.baseline != "value":
-            return returns
-        values = ValueBaseline(self.value_ridge).values(samples, discount)
-        return np.asarray(returns - values[samples.episodes.begins])

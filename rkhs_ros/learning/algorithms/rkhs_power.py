@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
-from rkhs_ros.learning.algorithms.weighted_exploration import WEIGHTINGS, WeightedExploration, weighted_regression
+from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, weighted_regression
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
@@ -21,10 +20,6 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
     .. math:: h' = h + \arg\min_f \sum_t q_t |f(s_t) - \epsilon_t|^2 / g(s_t) + \lambda |f|^2
     """
 
-    weighting: str = setting(
-        "positive", "how the exploration of a step is weighted", choices=(*WEIGHTINGS, "as_published")
-    )
-
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
         samples = self.space.samples(policy, experience.episodes + experience.memory)
@@ -33,7 +28,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
             change = published_regression(samples, q, self.ridge)  # Eq 23 as published
         else:
             q = self.weights(samples, experience.discount)
-            change = weighted_regression(samples, q, self.ridge, self.ridge_unit)  # Eq 23, corrected
+            change = weighted_regression(samples, q, self.ridge, relative=not self.learns_variance)  # Eq 23, corrected
         return self.advance(policy, change, samples, q)  # h + change; the variance by Eq 24
 
 

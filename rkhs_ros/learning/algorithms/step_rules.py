@@ -9,6 +9,7 @@ from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.rkhs.kernels import Array
 
 SHORTEST, LONGEST = 0.01, 3.0  # steps of the line search, in standard deviations of the action
+TRIED = 50  # steps of a line search
 MeanReturn = Callable[[float, int], float]  # from a step size and a number of new episodes to their mean return
 
 
@@ -27,14 +28,14 @@ class FixedStep(Settings):
 class KLStep(Settings):
     r"""The step size with a given Kullback-Leibler divergence between the old and the new policy (Eq 15).
 
-    .. math:: \alpha = \min\Big(cap, \sqrt{2 \delta \Big/ \tfrac1n \textstyle\sum_t |w(s_t) / \sigma(s_t)|^2}\Big),
+    .. math:: \alpha = \min\Big(size, \sqrt{2 \delta \Big/ \tfrac1n \textstyle\sum_t |w(s_t) / \sigma(s_t)|^2}\Big),
         \qquad \delta = \delta_0 / (1 + c k)
 
     Once w is mostly noise, steps of constant length become a random walk. Annealing (c > 0) ends this walk.
     """
 
     divergence: float = setting(0.05, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
-    cap: float = setting(1e300, "maximum step size, in units that depend on the direction", minimum=0.0, maximum=1e300)
+    size: float = setting(1e300, "maximum step size along the direction", minimum=0.0, maximum=1e300)
     annealing: float = setting(
         0.0, "annealing rate c: iteration k divides the divergence by 1 + c k", minimum=0.0, maximum=1e6
     )
@@ -43,18 +44,16 @@ class KLStep(Settings):
         """Return the step size for a direction and a variance, both of shape (samples, n)."""
         length = _length(direction, variance)
         divergence = self.divergence / (1.0 + self.annealing * iteration)
-        return min(self.cap, float(np.sqrt(2.0 * divergence)) / length) if length > 0 else 0.0
+        return min(self.size, float(np.sqrt(2.0 * divergence)) / length) if length > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class LineSearch(Settings):
     """The best of several step sizes, each evaluated in a new episode (section 4.1 of the paper).
 
-    The step lengths are evenly spaced on a logarithmic scale. They are in standard deviations of the action, root mean
-    square over the samples, so that their range suits any direction.
+    The 50 step lengths are evenly spaced on a logarithmic scale. They are in standard deviations of the action, root
+    mean square over the samples, so that their range suits any direction.
     """
-
-    choices: int = setting(50, "number of step sizes to try", minimum=2, maximum=1000)
 
     def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
         """Return the step size with the greatest mean return.
@@ -68,7 +67,7 @@ class LineSearch(Settings):
         length = _length(direction, variance)
         if length == 0:
             return 0.0
-        sizes = np.geomspace(SHORTEST, LONGEST, self.choices) / length
+        sizes = np.geomspace(SHORTEST, LONGEST, TRIED) / length
         return float(max(sizes, key=lambda size: mean_return(float(size), 1)))
 
 

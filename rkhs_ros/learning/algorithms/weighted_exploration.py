@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +19,11 @@ from rkhs_ros.rkhs.kernels import Array, Kernel
 from rkhs_ros.rkhs.pursuit import sparsify
 from rkhs_ros.rkhs.regression import by_blocks, ridge_regression
 
-RIDGE_UNITS = ("action", "variance")
-WEIGHTINGS = ("positive", "returns")
+WEIGHTINGS = ("positive", "returns", "as_published")
 LEAST_MASS = 1e-9  # centres with a smaller mass relative to the largest are removed
 
 
-def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: float) -> KernelVariance:
+def learnt(samples: Samples, weights: Array, sd_range: tuple[float, ...]) -> KernelVariance:
     r"""Return the kernel-weighted mean of squared exploration, with each sample assigned to its nearest centre.
 
     .. math:: g(s) = \frac{\sum_t q_t \epsilon_t^2 \kappa(s_t, s)}{\sum_t q_t \kappa(s_t, s)}
@@ -31,8 +31,7 @@ def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: floa
     Args:
         samples: samples of the iteration.
         weights: q, shape (samples,), not negative.
-        sd_minimum: minimum standard deviation.
-        sd_maximum: maximum standard deviation.
+        sd_range: minimum and maximum standard deviation.
     """
     weights = np.maximum(weights, 0.0) if (weights > 0).any() else np.ones_like(weights)
     kernel, centres = samples.basis.kernel, samples.basis.centres
@@ -42,11 +41,11 @@ def learnt(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: floa
     squares = (weights[:, None] * samples.exploration**2).T
     sums = np.stack([np.bincount(nearest, column, len(centres)) for column in squares], axis=1)
     used = mass > LEAST_MASS * mass.max()
-    low, high = _bounds(samples, sd_minimum, sd_maximum)
+    low, high = _bounds(samples, sd_range)
     return KernelVariance(kernel, centres[used], mass[used], sums[used] / mass[used, None], low, high)
 
 
-def as_published(samples: Samples, weights: Array, sd_minimum: float, sd_maximum: float) -> FunctionVariance:
+def as_published(samples: Samples, weights: Array, sd_range: tuple[float, ...]) -> FunctionVariance:
     r"""Return the function of Eq 24 as published, with as many centres as the basis.
 
     .. math:: g(s) = \sum_t \kappa(s_t, s)\,\beta_t, \qquad
@@ -60,19 +59,19 @@ def as_published(samples: Samples, weights: Array, sd_minimum: float, sd_maximum
     beta = shares / np.maximum(kernel.diagonal(samples.observations), np.finfo(float).tiny)[:, None]
     whole = Function(kernel, samples.observations, beta)
     thinned = sparsify(whole, samples.observations, budget=len(samples.basis.centres)).function
-    return FunctionVariance(thinned, *_bounds(samples, sd_minimum, sd_maximum))
+    return FunctionVariance(thinned, *_bounds(samples, sd_range))
 
 
-def _bounds(samples: Samples, sd_minimum: float, sd_maximum: float) -> tuple[Array, Array]:
+def _bounds(samples: Samples, sd_range: tuple[float, ...]) -> tuple[Array, Array]:
     ones = np.ones(samples.exploration.shape[1])
-    return sd_minimum**2 * ones, sd_maximum**2 * ones
+    return sd_range[0] ** 2 * ones, sd_range[1] ** 2 * ones
 
 
-Learnt = Callable[[Samples, Array, float, float], Variance]
+Learnt = Callable[[Samples, Array, tuple[float, ...]], Variance]
 VARIANCES: dict[str, Learnt] = {"learnt": learnt, "as_published": as_published}
 
 
-def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: str = "action") -> Function:
+def weighted_regression(samples: Samples, weights: Array, ridge: float, *, relative: bool = False) -> Function:
     r"""Return h' - h, the regression of the exploration weighted by q (Eq 23), in the samples' basis.
 
     .. math:: h' = h + \sum_t \kappa(s_t, \cdot)\,\alpha_t, \qquad
@@ -82,11 +81,11 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: st
         samples: samples of the iteration and of the reused episodes.
         weights: q, shape (samples,), not negative; signed advantages, as published, make the system indefinite.
         ridge: lambda.
-        unit: one of `RIDGE_UNITS`: ``action`` uses lambda as given, ``variance`` divides it by the mean variance.
+        relative: whether to divide lambda by the mean variance.
     """
     columns = zip(samples.exploration.T, samples.variance.T, strict=True)
     penalty = np.full(samples.features.shape[1], ridge / len(weights))
-    scales = (1.0 if unit == "action" else 1.0 / g.mean() for g in samples.variance.T)
+    scales = (1.0 / g.mean() if relative else 1.0 for g in samples.variance.T)
     coefficients = [
         ridge_regression(samples.features, e[:, None], penalty * scale, weights / g)
         for (e, g), scale in zip(columns, scales, strict=True)
@@ -94,19 +93,26 @@ def weighted_regression(samples: Samples, weights: Array, ridge: float, unit: st
     return samples.basis.function(np.concatenate(coefficients, axis=1))
 
 
+def weighting_setting(default: str) -> Any:
+    """Declare the choice of a weighting."""
+    about = (
+        "how the exploration of a step is weighted: by positive advantages; by returns; or as_published, rkhs_power by "
+        "signed advantages, and power by returns for each weight on its own (Eq 6)"
+    )
+    return setting(default, about, choices=WEIGHTINGS)
+
+
 @dataclass(frozen=True)
 class WeightedExploration(Algorithm):
     """An EM-inspired update without a step size that moves the mean towards successful exploration."""
 
-    weighting: str = setting("positive", "how the exploration of a step is weighted", choices=WEIGHTINGS)
+    weighting: str = weighting_setting("positive")
     ridge: float = setting(
-        1.0, "penalty lambda on the squared norm of the change in the mean", minimum=1e-12, maximum=1e6
-    )
-    ridge_unit: str = setting(
-        "variance",
-        "unit of the ridge: action, as in Eq 23; or variance, relative to the policy's variance and so independent of "
-        "the units of actions",
-        choices=RIDGE_UNITS,
+        1.0,
+        "penalty lambda on the squared norm of the change in the mean; relative to the policy's variance if that is "
+        "constant, and so independent of the units of actions; otherwise as in Eq 23",
+        minimum=1e-12,
+        maximum=1e6,
     )
     value_ridge: float = setting(0.001, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     reuse: int = setting(0, "number of best episodes so far that the next update reuses", minimum=0, maximum=10_000)
@@ -116,18 +122,6 @@ class WeightedExploration(Algorithm):
         "only by its decay",
         choices=("constant", *VARIANCES),
     )
-    sd_minimum: float = setting(
-        0.05, "minimum of a learnt standard deviation, in units of the action", minimum=1e-6, maximum=1e6
-    )
-    sd_maximum: float = setting(
-        4.0, "maximum of a learnt standard deviation, in units of the action", minimum=1e-6, maximum=1e6
-    )
-
-    def __post_init__(self) -> None:
-        """Raise ValueError if a value is invalid or the bounds of the standard deviation are swapped."""
-        super().__post_init__()
-        if self.sd_minimum > self.sd_maximum:
-            raise ValueError(f"algorithm.sd_minimum: expected at most {self.sd_maximum}, got {self.sd_minimum}")
 
     @property
     def learns_variance(self) -> bool:
@@ -175,7 +169,7 @@ class WeightedExploration(Algorithm):
             return self.decayed(policy)
         if len(samples.basis.centres) == 0:  # for example, a homogeneous kernel with all samples at 0
             return policy.variance
-        return VARIANCES[self.variance](samples, weights, self.sd_minimum, self.sd_maximum)  # Eq 24
+        return VARIANCES[self.variance](samples, weights, self.sd_range)  # Eq 24
 
     def remembered(self, episodes: Episodes, discount: float) -> Episodes:
         """Return the episodes with the greatest returns."""

@@ -40,14 +40,14 @@ def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> No
 @pytest.mark.parametrize(
     "fixed",
     [
-        ("inputs.degree=2",),
-        ("algorithm={name: enac, grid_low: [-4, -9], grid_high: [4, 9], grid_counts: [3, 4]}", "kernel.bandwidth=1.0"),
+        ("kernel={form: monomials, degree: 2}",),
+        ("algorithm={name: enac, grid: [-4, 4, 3, -9, 9, 4]}", "kernel.bandwidth=1.0"),
     ],
 )
 def test_inputs_that_training_keeps_are_not_searched(rkhs: Rkhs, fixed: tuple[str, ...]) -> None:
     wrapped = "environment.options.angle=wrap"
     values = checked(rkhs, CONFIGS / "pendulum_nac.yaml", "--set", wrapped, *fixed)
-    not_tested = "not tested, since inputs.degree, the grid or kernel.bandwidth depends on the inputs"
+    not_tested = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
     assert values["angles"] == values["history"] == not_tested
     assert "inputs" not in values["last"]
 

@@ -273,7 +273,7 @@ def test_training_chooses_the_action_repeat_and_resumes_with_it() -> None:
 
 
 def test_a_line_search_compares_the_returns_of_decisions() -> None:
-    search = RKHSAC(step=LineSearch(choices=2))
+    search = RKHSAC(step=LineSearch())
     (iteration,) = train(replace(SHORT, iterations=1, action_repeat=3, algorithm=search), pendulum())
     assert iteration.tried
     for tried in iteration.tried:

@@ -74,7 +74,7 @@ def test_the_actions_of_the_policy_that_acted_pass(
     rng = np.random.default_rng(seed)
     d, n = int(rng.integers(3, 5)), int(rng.integers(1, 3))
     columns = tuple(float(column) for column in rng.permutation(d)[:angles])
-    policy = make_policy(rng, Inputs(history, columns or "none", degree), d, n, noise)
+    policy = make_policy(rng, Inputs(history, columns or "none", degree=degree), d, n, noise)
     batch = make_batch(kinds, seed, int(rng.integers(1, 9)), int(rng.integers(1, 20)))
     check_actions(make_episodes(rng, policy, batch, d), policy, batch)
 

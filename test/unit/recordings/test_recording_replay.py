@@ -51,7 +51,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         config("toy_nac", "iterations=10"),  # 100 exploration episodes
         config("toy_nac", "name=toy_npg", "iterations=3", "algorithm={name: rkhs_npg, centres: 20}"),
-        config("toy_ac", "iterations=3", "algorithm.step={rule: line_search, choices: 3}"),
+        config("toy_ac", "iterations=3", "algorithm.step={rule: line_search}"),
         config("toy_power", "iterations=4", "evaluate_every=3"),
         config("pendulum_pomdp_power", "iterations=2", "horizon=20"),
         config("pendulum_model_nac", "iterations=3", "horizon=30", "model.updates=3", "model.rollouts=10"),

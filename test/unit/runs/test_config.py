@@ -49,9 +49,9 @@ def test_the_task_of_every_configuration_can_be_simulated(path: Path) -> None:
 def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None:
     path = write(MINIMAL + "learner: {ros__parameters: {seed: 3, algorithm: {name: rkhs_nac, ridge: 0.5}}}\n")
     config = load_config(
-        path, ["seed=4", "algorithm.step.rule=kl", "algorithm.step.cap=2", "exploration_sd=[1, 2]", "environment.id=X"]
+        path, ["seed=4", "algorithm.step.rule=kl", "algorithm.step.size=2", "exploration_sd=[1, 2]", "environment.id=X"]
     )
-    algorithm = RKHSNAC(ridge=0.5, step=KLStep(cap=2.0))
+    algorithm = RKHSNAC(ridge=0.5, step=KLStep(size=2.0))
     expected = Training(name="my_run", seed=4, exploration_sd=(1.0, 2.0), algorithm=algorithm)
     assert config == Config(Environment("X", {}), expected)
     assert load_config(path).training == replace(expected, seed=3, exploration_sd="range", algorithm=RKHSNAC(ridge=0.5))

@@ -23,7 +23,7 @@ from test.unit.conftest import arrays_of
 TOY = InlineRunner(Simulation("rkhs/Toy-v0"))
 WAYS: list[Any] = [
     *ALGORITHMS,
-    {"name": "rkhs_nac", "step": {"rule": "line_search", "choices": 3}},
+    {"name": "rkhs_nac", "step": {"rule": "line_search"}},
     {"name": "rkhs_nac", "exploration_decay": 0.9, "critic": "trajectory"},
     {"name": "rkhs_nac", "variance": "learnt", "reuse": 4},
     {"name": "rkhs_power", "reuse": 3},
@@ -38,7 +38,7 @@ def config_of(way: Any) -> Config:
     way = {"name": way} if isinstance(way, str) else dict(way)
     form = way.pop("model", "none")
     on_grid = issubclass(ALGORITHMS[way.get("name", "rkhs_nac")], GridSettings)
-    size = {"grid_counts": 3, "grid_low": [-4.0], "grid_high": [4.0]} if on_grid else {"centres": 6}
+    size = {"grid": [-4.0, 4.0, 3]} if on_grid else {"centres": 6}
     tree = {
         "iterations": 4 if form == "none" else 3,
         "episodes_per_iteration": 3,
@@ -46,8 +46,9 @@ def config_of(way: Any) -> Config:
         "horizon": 6,
     }
     model = {"form": form} | ({"updates": 2, "rollouts": 5, "centres": 20} if form != "none" else {})
-    parts = {"kernel": {"bandwidth": 4.0} if on_grid else {}, "algorithm": size | way, "model": model}
-    inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,), degree=2)
+    kernel = {"bandwidth": 4.0} if on_grid else {"form": "monomials", "degree": 2}
+    parts = {"kernel": kernel, "algorithm": size | way, "model": model}
+    inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,))
     return Config(Environment("rkhs/Toy-v0", {}), replace(training_from(tree | parts), inputs=inputs))
 
 

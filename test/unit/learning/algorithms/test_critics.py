@@ -6,13 +6,14 @@ import pytest
 
 from rkhs_ros.learning.algorithms.critics import (
     Critic,
+    PursuitCritic,
     StepCritic,
-    StepPursuitCritic,
     TrajectoryCritic,
-    TrajectoryPursuitCritic,
     ValueBaseline,
 )
 from rkhs_ros.learning.samples import Samples
+from rkhs_ros.rkhs.function import FixedBasis
+from rkhs_ros.rkhs.kernels import LINEAR
 from test.unit.conftest import random_episodes, random_policy
 
 DISCOUNT = 0.9
@@ -103,19 +104,21 @@ def test_a_constant_in_the_returns_does_not_change_a_critic(samples: Callable[..
     np.testing.assert_allclose(critic.fit(shifted, DISCOUNT), critic.fit(data, DISCOUNT), atol=1e-4)
 
 
-@pytest.mark.parametrize("norm", ["norm", "scale_free"])
+@pytest.mark.parametrize("linear", [False, True], ids=["rbf", "linear"])
 @pytest.mark.parametrize("trace", [1.0, 0.6])
 def test_the_step_critic_is_least_squares_with_rows_for_the_penalties(
-    samples: Callable[..., Samples], norm: str, trace: float
+    samples: Callable[..., Samples], linear: bool, trace: float
 ) -> None:
     data = samples(6, 8, 5, masked=True, learnt=True)
+    if linear:
+        data = replace(data, basis=FixedBasis(LINEAR, np.eye(5)))
     scale = np.sqrt(np.mean(data.variance))
     scores = [scale * np.kron(f, e / v) for f, e, v in zip(data.features, data.exploration, data.variance, strict=True)]
     time = np.array([[1.0, t / 8, (t / 8) ** 2] for t in data.episodes.steps])
 
     def fit(rows: np.ndarray, targets: np.ndarray, ridges: list[float]) -> np.ndarray:
         squares = [
-            1.0 if norm == "norm" or ridge == 1e-6 else np.mean(c**2) for c, ridge in zip(rows.T, ridges, strict=True)
+            1.0 if not linear or ridge == 1e-6 else np.mean(c**2) for c, ridge in zip(rows.T, ridges, strict=True)
         ]
         penalty = np.diag(np.sqrt(len(rows) * np.array(ridges) * squares))
         return np.linalg.lstsq(np.concatenate([rows, penalty]), np.append(targets, np.zeros(len(ridges))))[0]
@@ -126,7 +129,7 @@ def test_the_step_critic_is_least_squares_with_rows_for_the_penalties(
     fitted[data.episodes.mask] = of_state @ fit(of_state, to_go, [0.3] * 5 + [1e-6] * 3)
     targets = data.episodes.flat(data.episodes.lambda_returns(fitted, DISCOUNT, trace))
     w = fit(np.column_stack([scores, of_state]), targets, [0.2] * 10 + [0.3] * 5 + [1e-6] * 3)[:10]
-    got = StepCritic(0.2, ValueBaseline(0.3, norm, trace), norm).fit(data, DISCOUNT)
+    got = StepCritic(0.2, ValueBaseline(0.3, trace)).fit(data, DISCOUNT)
     np.testing.assert_allclose(got.ravel(), scale * w, rtol=1e-7, atol=1e-9)
 
 
@@ -139,18 +142,8 @@ def test_pursuit_of_steps_with_enough_atoms_is_ridge_regression_after_the_value(
     by_step = np.zeros(data.episodes.mask.shape)
     by_step[data.episodes.mask] = values
     targets = data.episodes.flat(data.episodes.lambda_returns(by_step, DISCOUNT, trace)) - values
-    got = StepPursuitCritic(0.2, ValueBaseline(0.3, trace=trace)).fit(data, DISCOUNT)
+    got = PursuitCritic(0.2, ValueBaseline(0.3, trace=trace)).fit(data, DISCOUNT)
     assert_is_ridge_regression(got, data, score_rows(data), targets)
-
-
-def test_pursuit_of_trajectories_with_enough_atoms_is_ridge_regression_after_the_mean(
-    samples: Callable[..., Samples],
-) -> None:
-    data = one_dimensional(samples(12, 8, 5))
-    rows = np.array([DISCOUNT ** np.arange(8) @ score_rows(data)[8 * i : 8 * i + 8] for i in range(12)])
-    returns = data.episodes.returns(DISCOUNT)
-    got = TrajectoryPursuitCritic(0.2).fit(data, DISCOUNT)
-    assert_is_ridge_regression(got, data, rows, returns - returns.mean())
 
 
 def one_dimensional(samples: Samples) -> Samples:

@@ -48,38 +48,21 @@ def ridge_with_intercept(features: np.ndarray, targets: np.ndarray, ridge: float
     return np.linalg.lstsq(design, np.append(targets, np.zeros(p)))[0][:p]
 
 
-def first_values(policy: GaussianPolicy, episodes: Episodes, ridge: float) -> np.ndarray:
-    """Fit the reward to go by s, 1, t and t^2; return the fit at the first steps."""
-    rows, targets, first = [], [], []
-    for i, mask in enumerate(episodes.mask):
-        first.append(len(rows))
-        for t in range(int(mask.sum())):
-            time = t / episodes.horizon
-            rows.append([*episodes.observations[i, t], 1.0, time, time**2])
-            targets.append(sum(DISCOUNT**k * r for k, r in enumerate(episodes.rewards[i, t:])))
-    d = policy.mean.input_dim
-    penalty = np.sqrt(len(rows) * np.array([ridge] * d + [1e-6] * 3))
-    design = np.concatenate([rows, np.diag(penalty)])
-    fit = np.linalg.lstsq(design, np.append(targets, np.zeros(d + 3)))[0]
-    return np.array(rows)[first] @ fit
-
-
 @over_masks
-@pytest.mark.parametrize("baseline", ["intercept", "value", "as_published"])
+@pytest.mark.parametrize("baseline", ["intercept", "as_published"])
 def test_npg_with_the_gram_matrix_is_ridge_regression_in_explicit_features(
     rng: np.random.Generator, baseline: str, masked: bool
 ) -> None:
     policy = random_policy(rng, d=3, kernel=LINEAR)
     episodes = random_episodes(rng, policy, 5, 8, masked=masked)
-    algorithm = RKHSNPG(baseline=baseline, ridge=0.2, value_ridge=0.3, step=FixedStep(0.7))
+    algorithm = RKHSNPG(baseline=baseline, ridge=0.2, step=FixedStep(0.7))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     phi = np.array([sum(np.kron(s, u) for s, u in steps) for steps in scores(policy, episodes)])
     ridge = 0.2 * np.mean(np.sum(phi**2, axis=1))
     if baseline == "as_published":
         w = np.linalg.solve(phi.T @ phi + ridge * np.eye(6), phi.T @ returns(episodes))
     else:
-        baselines = first_values(policy, episodes, 0.3) if baseline == "value" else 0.0
-        w = ridge_with_intercept(phi, returns(episodes) - baselines, ridge)
+        w = ridge_with_intercept(phi, returns(episodes), ridge)
     x = episodes.flat(episodes.observations)
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.7 * x @ w.reshape(3, 2), rtol=1e-8, atol=1e-8)
 
@@ -160,9 +143,7 @@ def test_an_enac_step_matches_the_textbook(rng: np.random.Generator, masked: boo
     theta, kernel = rng.normal(size=(6, 2)), RBF((0.9,))
     policy = GaussianPolicy(Function(kernel, centres, theta), ConstantVariance(np.array([0.5, 2.0])))
     episodes = random_episodes(rng, policy, 30, 8, masked=masked)
-    algorithm = ENAC(
-        grid_low=(-1.0, 0.0), grid_high=(2.0, 1.0), grid_counts=(3.0, 2.0), ridge=0.05, step=FixedStep(0.4)
-    )
+    algorithm = ENAC(grid=(-1.0, 2.0, 3.0, 0.0, 1.0, 2.0), ridge=0.05, step=FixedStep(0.4))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     # R(xi) = <w, sum_t gamma^t grad log pi> + J, by least squares over the episodes
     psi = np.zeros((30, 12))
@@ -185,19 +166,17 @@ def on_a_lattice(rng: np.random.Generator) -> tuple[GaussianPolicy, Episodes]:
     return policy, Episodes.without_ends(visited, actions, rng.uniform(size=(6, 9)), np.ones((6, 9), dtype=bool))
 
 
-CRITICS = [(c, r, n) for c in ("step", "trajectory") for r in ("ridge", "pursuit") for n in ("norm", "scale_free")]
 ACTOR_CRITICS: list[tuple[type[Algorithm], type[Algorithm]]] = [(RKHSNAC, ENAC), (RKHSAC, AC)]
-GRID = {"grid_low": (0.0,), "grid_high": (2.0,), "grid_counts": (3.0,)}
+GRID = {"grid": (0.0, 2.0, 3.0)}
 
 
 @pytest.mark.parametrize(("free", "fixed"), ACTOR_CRITICS, ids=["nac", "ac"])
-@pytest.mark.parametrize(("critic", "regression", "norm"), CRITICS)
+@pytest.mark.parametrize("critic", ["step", "trajectory", "pursuit"])
 def test_with_orthonormal_kernel_functions_rkhs_and_parametric_actor_critics_agree(
-    rng: np.random.Generator, free: type[Algorithm], fixed: type[Algorithm], critic: str, regression: str, norm: str
+    rng: np.random.Generator, free: type[Algorithm], fixed: type[Algorithm], critic: str
 ) -> None:
     policy, episodes = on_a_lattice(rng)
-    same = {"critic": critic, "regression": regression, "ridge_norm": norm, "ridge": 0.1, "step": FixedStep(0.3)}
-    same |= {"value_ridge": 0.01, "trace": 0.9 if critic == "step" else 1.0}
+    same = {"critic": critic, "ridge": 0.1, "step": FixedStep(0.3), "value_ridge": 0.01, "trace": 0.9}
     algorithms = free(centres=200, **same), fixed(**GRID, **same)
     one, two = (learn(algorithm, policy, episodes, DISCOUNT).policy for algorithm in algorithms)
     x = episodes.flat(episodes.observations)
@@ -216,11 +195,11 @@ def test_with_orthonormal_kernel_functions_rkhs_power_and_power_agree(rng: np.ra
     np.testing.assert_allclose(one.mean(x), two.mean(x), rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("kernel", [LINEAR, RBF((0.4,))], ids=["linear", "rbf"])
+@pytest.mark.parametrize("kernel", [Polynomial(0.5, 1), RBF((0.4,))], ids=["linear", "rbf"])
 def test_the_plain_gradient_is_the_sum_of_weighted_kernel_functions(rng: np.random.Generator, kernel: Kernel) -> None:
     policy = random_policy(rng, m=3, kernel=kernel)
     episodes = random_episodes(rng, policy, 4, 6, masked=True)
-    algorithm = RKHSAC(centres=60, regression="ridge", step=FixedStep(0.5))
+    algorithm = RKHSAC(centres=60, critic="step", step=FixedStep(0.5))
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     same = RKHSNAC(centres=60, trace=algorithm.trace, value_ridge=algorithm.value_ridge, step=FixedStep(1.0))
     natural, *_ = learn(same, policy, episodes, DISCOUNT)  # h + w, the same critic
@@ -245,13 +224,13 @@ def test_a_line_search_collects_episodes_for_each_candidate(rng: np.random.Gener
         good = 1.0 if len(tried) == 3 else 0.0
         return replace(episodes, rewards=np.full_like(episodes.rewards, good)).take(slice(number))
 
-    algorithm = RKHSNAC(centres=200, step=LineSearch(choices=5), exploration_decay=0.5)
+    algorithm = RKHSNAC(centres=200, step=LineSearch(), exploration_decay=0.5)
     moved, metrics = learn(algorithm, policy, episodes, collect=collect)
     x = episodes.flat(episodes.observations)
-    assert len(tried) == 5
+    assert len(tried) == 50
     assert np.array_equal(moved.mean(x), tried[2].mean(x))
     lengths = [np.sqrt(np.mean(np.sum((t.mean(x) - policy.mean(x)) ** 2 / policy.variance(x), axis=1))) for t in tried]
-    np.testing.assert_allclose(lengths, np.geomspace(0.01, 3.0, 5), rtol=1e-9)
+    np.testing.assert_allclose(lengths, np.geomspace(0.01, 3.0, 50), rtol=1e-9)
     assert all(np.array_equal(t.variance.values, policy.variance.values) for t in tried)
     np.testing.assert_allclose(moved.variance.values, 0.25 * policy.variance.values)
     w = RKHSNAC(centres=200, step=FixedStep(metrics.step_size))

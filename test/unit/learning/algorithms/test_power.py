@@ -22,7 +22,7 @@ from test.unit.conftest import learn, random_episodes, random_policy
 
 LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
-AS_IN_THE_PAPER: dict[str, Any] = {"ridge_unit": "action", "variance": "learnt"}
+AS_IN_THE_PAPER: dict[str, Any] = {"variance": "learnt"}
 over_variances = pytest.mark.parametrize("state", [False, True], ids=["constant variance", "learnt variance"])
 over_weightings = pytest.mark.parametrize("weighting", ["positive", "returns"])
 
@@ -85,7 +85,8 @@ def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x = episodes.flat(episodes.observations)
     exploration = episodes.flat(episodes.actions) - policy.mean(x)
-    step = weighted_step(x, exploration, policy.variance(x), weights(weighting, x, episodes, 0.2), 0.7)
+    q = weights(weighting, x / np.sqrt(np.mean(x**2, axis=0)), episodes, 0.2)  # the ridge of the value is scale-free
+    step = weighted_step(x, exploration, policy.variance(x), q, 0.7)
     assert np.abs(x @ step).max() > 1e-3
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + x @ step, rtol=1e-8, atol=1e-8)
 
@@ -98,7 +99,7 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
     policy = random_policy(rng, m=0)
     policy = replace(policy, variance=random_policy(rng, learnt=state).variance)
     episodes = random_episodes(rng, policy, 6, 8, masked=True)
-    size: dict[str, Any] = {"grid_counts": (3.0,), "reuse": 0}
+    size: dict[str, Any] = {"grid": (-1.0, 1.0, 3.0), "reuse": 0}
     algorithm = PoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **size, **AS_IN_THE_PAPER)
     moved, metrics = learn(algorithm, policy, episodes, DISCOUNT)
     assert metrics.sparsification_error == 0.0
@@ -113,7 +114,7 @@ def test_power_on_a_grid_is_the_regression_of_kober_and_peters(
 def test_the_diagonal_solution_is_the_mean_of_each_parameters_exploration(rng: np.random.Generator) -> None:
     policy = random_policy(rng, m=0)
     episodes = random_episodes(rng, policy, 6, 8, masked=True)
-    algorithm = PoWER(solution="diagonal", grid_counts=(3.0,), reuse=0)
+    algorithm = PoWER(weighting="as_published", grid=(-1.0, 1.0, 3.0), reuse=0)
     moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
     x, q = episodes.flat(episodes.observations), rewards_to_go(episodes)
     total = np.zeros((9, 2))
@@ -175,7 +176,7 @@ def test_the_published_variance_matches_the_papers_formula(rng: np.random.Genera
     policy = random_policy(rng, kernel=kernel)
     samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 3, 5, masked=True), 60)
     signed = rng.normal(size=len(samples.observations))
-    variance = as_published(samples, signed, 0.1, 2.0)
+    variance = as_published(samples, signed, (0.1, 2.0))
     values = np.zeros((len(signed), 2))
     for i in range(2):
         total = sum(e**2 * a for e, a in zip(samples.exploration[:, i], signed, strict=True))
@@ -210,7 +211,7 @@ def test_a_learnt_variance_is_within_its_bounds_for_any_weights(
     )
     q = scale * rng.uniform(size=24) * (rng.uniform(size=24) > zeros)
     q[0] = scale
-    variance = rule(samples, q, 0.6, 0.9)(10 * rng.normal(size=(50, 2)))
+    variance = rule(samples, q, (0.6, 0.9))(10 * rng.normal(size=(50, 2)))
     assert variance.shape == (50, 2)
     assert np.all((variance >= 0.6**2) & (variance <= 0.9**2))  # false for nan
 
@@ -226,7 +227,7 @@ def test_the_learnt_variance_is_a_kernel_weighted_mean_of_squared_exploration(rn
     for row, point in zip(expected, x, strict=True):
         near = q * np.exp(-0.5 * np.sum((samples.observations - point) ** 2, axis=1) / 0.4**2)
         row[:] = near @ samples.exploration**2 / near.sum()
-    np.testing.assert_allclose(learnt(samples, q, 1e-3, 1e3)(x), expected, rtol=1e-8)
+    np.testing.assert_allclose(learnt(samples, q, (1e-3, 1e3))(x), expected, rtol=1e-8)
 
 
 def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
@@ -235,7 +236,7 @@ def test_each_sample_adds_to_the_variance_at_its_nearest_centre() -> None:
     done = np.array([[[1.0], [2.0], [3.0], [5.0]]])
     episodes = Episodes.without_ends(states, done, np.ones((1, 4)), np.ones((1, 4), dtype=bool))
     samples = Samples.on_centres(policy, episodes, np.array([[0.0], [4.0], [8.0]]))
-    variance = learnt(samples, np.array([1.0, 3.0, 2.0, 2.0]), 1e-3, 1e3)
+    variance = learnt(samples, np.array([1.0, 3.0, 2.0, 2.0]), (1e-3, 1e3))
     assert variance.centres.tolist() == [[0.0], [4.0]]  # no sample is close to the third
     np.testing.assert_allclose(variance.mass, [4.0, 4.0])
     np.testing.assert_allclose(variance.values[:, 0], [(1 + 3 * 4) / 4, (2 * 9 + 2 * 25) / 4])
@@ -276,11 +277,10 @@ def test_reused_episodes_count_like_new_ones(rng: np.random.Generator, algorithm
 
 def test_a_grid_has_as_many_numbers_as_the_policy_has_inputs(rng: np.random.Generator) -> None:
     policy = random_policy(rng, d=3)
-    for name in ("grid_low", "grid_high", "grid_counts"):
-        algorithm = replace(PoWER(), **{name: (1.0, 2.0)})
-        with pytest.raises(ValueError, match=rf"algorithm\.{name}: expected 1 or 3 numbers, got 2"):
-            learn(algorithm, policy, random_episodes(rng, policy))
-    with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected at most 100000 centres in total, got 1250"):
-        learn(PoWER(grid_counts=(50.0,)), policy, random_episodes(rng, policy))
-    with pytest.raises(ValueError, match=r"algorithm\.grid_counts: expected whole numbers, got \[2\.5, 2\.5, 2\.5\]"):
-        learn(PoWER(grid_counts=(2.5,)), policy, random_episodes(rng, policy))
+    with pytest.raises(ValueError, match=r"algorithm\.grid: expected 3 numbers, or 3 for each of 3 inputs, got 6"):
+        learn(PoWER(grid=(-1, 1, 3, -1, 1, 3)), policy, random_episodes(rng, policy))
+    with pytest.raises(ValueError, match=r"algorithm\.grid: expected at most 100000 centres in total, got 1250"):
+        learn(PoWER(grid=(-1, 1, 50)), policy, random_episodes(rng, policy))
+    for grid in ((-1, 1, 2.5), (-1, 1, 0), (-1, 1)):
+        with pytest.raises(ValueError, match=r"algorithm\.grid: expected lower end, upper end and whole number"):
+            PoWER(grid=grid)

@@ -10,6 +10,7 @@ import pytest
 
 import rkhs_ros
 from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
@@ -54,12 +55,12 @@ def test_the_wrapped_angle_of_the_pendulum_becomes_an_input(discovery: str) -> N
 
 
 def test_monomials_keep_the_inputs() -> None:
-    training = replace(training_with(), inputs=Inputs(degree=2))
-    assert learn(training)[-1].policy.inputs == training.inputs
+    training = replace(training_with(), kernel=KernelChoice(form="monomials", degree=2))
+    assert learn(training)[-1].policy.inputs == Inputs(degree=2)
 
 
 def test_the_centres_of_a_grid_keep_the_inputs() -> None:
-    grid = {"name": "enac", "grid_low": [-4.0, -9.0], "grid_high": [4.0, 9.0], "grid_counts": [3, 4]}
+    grid = {"name": "enac", "grid": [-4.0, 4.0, 3, -9.0, 9.0, 4]}
     for iteration in learn(training_from({**TREE, "algorithm": grid, "iterations": 2})):
         assert iteration.policy.inputs == Inputs()
         assert len(iteration.policy.mean.centres) == 12

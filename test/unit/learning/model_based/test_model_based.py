@@ -41,7 +41,7 @@ MODEL = {
     "rollouts": 5,
     "centres": 30,
 }
-WIDE = {"grid_counts": 2, "grid_low": [-4.0], "grid_high": [4.0]}
+WIDE = {"grid": [-4.0, 4.0, 2]}
 PENDULUM = "rkhs/Pendulum-v0"
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
 ArraysOf = Callable[[Any], dict[str, np.ndarray]]
@@ -96,7 +96,7 @@ def test_every_algorithm_trains_in_a_model(algorithm: str) -> None:
         ("power", {"reuse": 4, "variance": "constant", "exploration_decay": 0.5}),
         ("rkhs_power", {"reuse": 4, "variance": "as_published", "weighting": "as_published"}),
         ("rkhs_npg", {"baseline": "as_published"}),
-        ("rkhs_nac", {"critic": "trajectory", "regression": "pursuit"}),
+        ("rkhs_nac", {"critic": "pursuit"}),
         ("rkhs_nac", {"variance": "learnt", "reuse": 4}),
         ("rkhs_ac", {"step": {"rule": "fixed"}}),
     ],
@@ -191,7 +191,7 @@ def test_a_line_search_is_rejected_before_the_run(rkhs: Callable[..., Result]) -
     result = rkhs("train", "--env", PENDULUM, "--runner", "inline", "--set", *changes)
     assert_refused(result, "algorithm.step.rule: expected fixed or kl for model.form=gaussian_process, got line_search")
     assert not Path("run").exists()
-    search = {"step": {"rule": "line_search", "choices": 2}}
+    search = {"step": {"rule": "line_search"}}
     assert len(learn(settings(algorithm=search, model={"form": "none"}))) == ITERATIONS
 
 
