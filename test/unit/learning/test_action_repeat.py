@@ -20,14 +20,9 @@ from rkhs_ros.learning.training import train, with_action_repeat
 from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.messages import policy_message
-from rkhs_ros.policies.messages import policy_of as policy_of_message
-from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import Task, policy_arrays, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.recordings.definitions import Types
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -163,34 +158,6 @@ def test_an_acting_policy_holds_its_actions_and_decides_from_decisions() -> None
 def alone_exploration(policy: GaussianPolicy, batch: Batch) -> Array:
     """Return the draws of a policy with one step per decision, for as many steps as there are decisions."""
     return replace(policy, action_repeat=1).exploration(replace(batch, horizon=policy.decisions(batch.horizon)))
-
-
-@pytest.mark.parametrize(("repeat", "history"), [(3, 1), (1, 2), (4, 3)])
-def test_a_loaded_policy_acts_like_the_evaluated_one(repeat: int, history: int) -> None:
-    gaussian = make_policy(repeat, history)
-    policy = Policy(gaussian, Task("rkhs/Pendulum-v0", {}, 10, 0.99), SPACES)
-    points = np.random.default_rng(2).normal(size=(10, 2))
-    for _ in range(2):  # the second time after a reset in the middle of a decision
-        acting = Acting(gaussian, Batch(0, 0, 1, 10, explore=False), explore=False)
-        for t in range(10):
-            np.testing.assert_allclose(policy(points[t]), acting(t, points[None, t])[0], rtol=1e-6)
-        policy.reset()
-    if gaussian.inputs.history > 1 or repeat > 1:
-        policy(points[:2])
-        with pytest.raises(ValueError, match=r"a batch of 2 as before, or reset\(\) first, got 3"):
-            policy(points[:3])
-        policy.reset()
-    policy(points[:3])
-
-
-def test_files_and_messages_keep_the_action_repeat() -> None:
-    policy = make_policy(5)
-    assert policy_of(policy_arrays(policy)).action_repeat == 5
-    message = policy_message(Types(), policy, 1)
-    assert policy_of_message(message).action_repeat == 5
-    message.action_repeat = 0
-    with pytest.raises(ValueError, match="action_repeat: expected 1 to 1000, got 0"):
-        policy_of_message(message)
 
 
 def waves(frequency: float, horizon: int = 3000) -> Array:

@@ -51,6 +51,7 @@ def test_non_finite_episodes_are_rejected(episodes: Episodes, name: str) -> None
         (lambda p: setattr(p, "centres", p.centres[:-1]), "centres: expected rows of 2 numbers, got 9 numbers"),
         (lambda p: p.weights.__setitem__(-1, np.nan), "weights: expected finite numbers"),
         (lambda p: setattr(p.variance, "name", "constnt"), "variance: expected one of constant, kernel, function"),
+        (lambda p: setattr(p, "action_repeat", 0), "action_repeat: expected 1 to 1000, got 0"),
         (lambda p: setattr(p.inputs, "turns", [360.0]), "inputs.turns: expected 0 numbers, one per angle, or none"),
     ],
 )

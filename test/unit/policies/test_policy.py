@@ -21,18 +21,18 @@ TASK = Task("Pendulum-v1", {}, 20, 0.99)
 BOUNDS = np.full((1, 2), 0.4, np.float32)
 
 
-def over(history: int, rng: np.random.Generator) -> GaussianPolicy:
+def over(history: int, rng: np.random.Generator, repeat: int = 1) -> GaussianPolicy:
     """Return a policy with three observed numbers, one of them an angle, and two actions."""
     inputs = Inputs(history=history, angles=(1.0,))
     size = inputs.dimension(3, 2)
     mean = Function(RBF((2.0,)), rng.normal(size=(6, size)), rng.normal(size=(6, 2)))
-    return GaussianPolicy(mean, ConstantVariance(np.ones(2)), inputs)
+    return GaussianPolicy(mean, ConstantVariance(np.ones(2)), inputs, action_repeat=repeat)
 
 
-@pytest.mark.parametrize("history", [1, 2, 5])
+@pytest.mark.parametrize(("history", "repeat"), [(1, 1), (2, 1), (5, 1), (1, 3), (3, 5)])
 @pytest.mark.parametrize("rows", [1, 4])
-def test_it_acts_like_the_policy_in_a_batch(rng: np.random.Generator, history: int, rows: int) -> None:
-    gaussian = over(history, rng)
+def test_it_acts_like_the_policy_in_a_batch(rng: np.random.Generator, history: int, repeat: int, rows: int) -> None:
+    gaussian = over(history, rng, repeat)
     policy = Policy(gaussian, TASK, Spaces((3,), -BOUNDS, BOUNDS))
     observations = rng.normal(size=(rows, 12, 3))
     for _ in range(2):  # the second time after a reset
@@ -58,6 +58,10 @@ def test_wrong_shapes_and_non_finite_observations_are_rejected(rng: np.random.Ge
         policy(np.zeros(3))
     policy.reset()
     policy(np.zeros(3))
+    holding = Policy(over(1, rng, 2), TASK, Spaces((3,), -BOUNDS, BOUNDS))
+    holding(np.zeros(3))
+    with pytest.raises(ValueError, match="expected a batch of 1 as before"):
+        holding(np.zeros((2, 3)))
 
 
 def test_it_is_saved_with_its_bounds_and_loaded(tmp_path: Path, rng: np.random.Generator) -> None:

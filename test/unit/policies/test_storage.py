@@ -28,7 +28,9 @@ def test_a_saved_policy_is_bit_identical_after_loading(
 ) -> None:
     inputs = Inputs(history=3, angles=(1.0, 0.0), degree=2, offset=0.1, turns=(360.0, 0.1 + 0.2))
     weighing = kernel if kernel.is_positive else None
-    policy = replace(random_policy(rng, kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise)
+    policy = replace(
+        random_policy(rng, kernel=weighing, learnt=variance == "kernel"), inputs=inputs, noise=noise, action_repeat=5
+    )
     policy = policy.with_mean(replace(policy.mean, kernel=kernel))
     if variance == "function":
         g = Function(kernel, rng.normal(size=(4, 2)), rng.normal(size=(4, 2)))
@@ -37,7 +39,7 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     loaded, task = load_policy(tmp_path / "policy.npz")
     assert task == TASK
     assert loaded.mean.kernel == policy.mean.kernel
-    assert (loaded.inputs, loaded.noise) == (inputs, noise)
+    assert (loaded.inputs, loaded.noise, loaded.action_repeat) == (inputs, noise, 5)
     assert type(loaded.variance) is type(policy.variance)
     expected, got = arrays_of(policy), arrays_of(loaded)
     assert expected.keys() == got.keys()

@@ -177,13 +177,6 @@ def test_the_median_bandwidth_of_a_subset_approximates_that_of_all_points(rng: n
     assert median_bandwidth(x)[0] == pytest.approx(all_pairs, rel=0.08)
 
 
-@pytest.mark.parametrize("value", [0.1, -1e8 / 3, 1e-30 / 7])
-def test_a_dimension_with_rounding_errors_only_gets_a_bandwidth_of_1(value: float) -> None:
-    rounded = np.nextafter(value, np.tile([-np.inf, value, np.inf], 100))
-    still = np.column_stack([np.full(300, value), rounded])
-    assert median_bandwidth(still) == (1.0, 1.0)
-
-
 @given(st.floats(1e-20, 1e20), st.floats(1e-6, 1.0), st.integers(0, 99))
 def test_a_small_spread_around_a_large_value_is_preserved_in_any_units(size: float, part: float, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(size=(50, 1))
@@ -205,6 +198,7 @@ def test_a_column_with_rounding_errors_only_has_no_spread(value: float) -> None:
     still = np.column_stack([np.full(300, value), rounded])
     assert spreads(still).tolist() == [0.0, 0.0]
     assert deviations(still).tolist() == [1.0, 1.0]
+    assert median_bandwidth(still) == (1.0, 1.0)
 
 
 def test_positivity_of_a_composed_kernel_follows_from_its_parts() -> None:

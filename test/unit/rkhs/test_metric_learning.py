@@ -81,14 +81,6 @@ def test_trying_the_centred_metric_never_lowers_the_evidence(seed: int) -> None:
     assert Posterior.fit(x, y, 50, centred=True).evidence >= Posterior.fit(x, y, 50).evidence
 
 
-def test_an_isotropic_function_keeps_plain_coordinates(rng: np.random.Generator) -> None:
-    x = rng.normal(size=(300, 2))
-    y = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None] + 0.01 * rng.normal(size=(300, 1))
-    coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, y, np.ones((300, 1)), 50)
-    if coordinates.axes is not None:
-        np.testing.assert_allclose(np.linalg.eigvalsh(coordinates.axes @ coordinates.axes.T), 1.0, atol=0.3)
-
-
 @pytest.mark.parametrize("seed", [2, 4, 6])
 def test_axes_that_lower_the_evidence_are_rejected(seed: int) -> None:
     x = np.random.default_rng(seed).normal(size=(60, 3))

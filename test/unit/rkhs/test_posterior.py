@@ -122,12 +122,6 @@ def test_bandwidth_and_noise_maximise_the_evidence(fit_with: FitWith, rng: np.ra
         assert worse < chosen.log_marginal_likelihood_value_
 
 
-def test_the_noise_is_estimated(rng: np.random.Generator) -> None:
-    x = points_of(rng, 2000)
-    # Adjacent candidates differ by a factor of 1.47 in standard deviation; the margin is one candidate.
-    assert Posterior.fit(x, targets_of(rng, x), 100).noise[0] == pytest.approx(0.3, rel=0.5)
-
-
 def test_draws_have_the_mean_and_covariance_of_the_posterior(fit_with: FitWith, rng: np.random.Generator) -> None:
     x, rows = points_of(rng), 4000
     y = targets_of(rng, x)

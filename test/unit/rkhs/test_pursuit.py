@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sklearn.kernel_ridge import KernelRidge
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from rkhs_ros.rkhs.function import Function
@@ -30,23 +29,6 @@ def test_pre_fitting_minimises_the_residual_after_the_refit(seed: int) -> None:
             for columns in (dictionary[:, [*fit.chosen[:k], j]] for j in range(len(candidates)))
         ]
         assert fit.residuals[k + 1] == pytest.approx(min(left), rel=1e-6)
-
-
-@given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.0, 1e-3, 0.1]))
-def test_residuals_never_grow(seed: int, ridge: float) -> None:
-    points, targets, candidates = problem(seed, columns=2)
-    residuals = pursue(KERNEL, points, targets, candidates, budget=20, ridge=ridge).residuals
-    assert residuals[0] == pytest.approx(np.linalg.norm(targets))
-    assert np.all(np.diff(residuals) <= 1e-9 * residuals[0])
-
-
-@given(seed=st.integers(0, 10_000), columns=st.integers(1, 3))
-def test_the_last_residual_matches_the_function(seed: int, columns: int) -> None:
-    points, targets, candidates = problem(seed, columns=columns)
-    fit = pursue(KERNEL, points, targets, candidates, budget=10)
-    assert fit.residuals[-1] == pytest.approx(np.linalg.norm(targets - fit.function(points)), rel=1e-6)
-    assert fit.error == pytest.approx(fit.residuals[-1] / np.linalg.norm(targets))
-    assert np.array_equal(fit.function.centres, candidates[fit.chosen])
 
 
 def test_selecting_all_candidates_gives_ridge_regression() -> None:
@@ -83,17 +65,8 @@ def test_a_truncated_basis_only_selects(seed: int, d: int, budget: int, ridge: f
     assert fit.residuals[-1] ** 2 == pytest.approx(squares(fit.function.weights), rel=1e-9)
     assert squares(fit.function.weights) == pytest.approx(squares(best), rel=1e-9)
     assert np.all(np.diff(fit.residuals) <= 0)
-
-
-def test_a_truncated_basis_fits_like_kernel_ridge_of_scikit_learn_on_the_same_centres(rng: np.random.Generator) -> None:
-    points = rng.normal(size=(1000, 6))
-    kernel, targets = RBF(median_bandwidth(points)), np.tanh(points @ rng.normal(size=(6, 1)))
-    fit = pursue(kernel, points, targets, points, budget=10, ridge=1e-4)
-    centres = fit.function.centres
-    features = np.linalg.solve(np.linalg.cholesky(kernel(centres, centres)), kernel(centres, points)).T
-    oracle = KernelRidge(alpha=1e-4 * 1000).fit(features, targets).predict(features)  # in an orthonormal basis
-    np.testing.assert_allclose(fit.function(points), oracle, atol=1e-8)
-    assert fit.error < 1
+    assert fit.residuals[0] == pytest.approx(np.linalg.norm(targets))
+    assert fit.error == pytest.approx(fit.residuals[-1] / fit.residuals[0])
 
 
 def test_repeated_candidates_change_nothing() -> None:
@@ -142,7 +115,9 @@ def test_a_budget_for_all_centres_preserves_the_function(seed: int, m: int) -> N
 
 
 @given(seed=st.integers(0, 10_000), columns=st.integers(1, 2))
-def test_the_pursuit_of_atoms_matches_scikit_learn(seed: int, columns: int) -> None:
+def test_the_pursuit_of_atoms_matches_scikit_learn_and_selects_the_best_atom_in_each_step(
+    seed: int, columns: int
+) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, columns))
     chosen, weights = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
@@ -156,19 +131,10 @@ def test_the_pursuit_of_atoms_matches_scikit_learn(seed: int, columns: int) -> N
         assert set(chosen) == set(np.flatnonzero(oracle.coef_))
         np.testing.assert_allclose(weights[:, 0], (oracle.coef_ / lengths)[chosen], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(weights, np.linalg.lstsq(dictionary[:, chosen], targets)[0], rtol=1e-8, atol=1e-10)
-
-
-@given(seed=st.integers(0, 10_000))
-def test_the_pursuit_of_atoms_selects_the_best_atom_in_each_step(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, 2))
-    chosen, _ = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
-    dictionary = rows @ atoms.T
-    unit = dictionary / np.linalg.norm(dictionary, axis=0)
     for k, choice in enumerate(chosen):
         fitted = dictionary[:, chosen[:k]]
         left = targets - fitted @ np.linalg.lstsq(fitted, targets)[0]
-        assert choice == np.argmax(np.sum((unit.T @ left) ** 2, axis=1))
+        assert choice == np.argmax(np.sum((dictionary.T @ left) ** 2, axis=1) / lengths**2)
 
 
 @pytest.mark.parametrize("n", [60, 7], ids=["tall", "wide"])

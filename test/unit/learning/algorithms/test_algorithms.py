@@ -116,17 +116,6 @@ def test_nac_adds_the_critics_estimate_times_the_step_size(critic: str, rng: np.
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.3 * w, atol=1e-4)
 
 
-@pytest.mark.parametrize("critic", ["step", "trajectory"])
-def test_nac_without_rewards_does_not_change_the_mean(critic: str, rng: np.random.Generator) -> None:
-    policy = random_policy(rng)
-    episodes = random_episodes(rng, policy)
-    still = replace(episodes, rewards=np.zeros_like(episodes.rewards))
-    moved, metrics = learn(RKHSNAC(critic=critic), policy, still)
-    x = episodes.flat(episodes.observations)
-    np.testing.assert_allclose(moved.mean(x), policy.mean(x), atol=1e-5)
-    assert metrics.kl < 1e-9
-
-
 @over_algorithms
 def test_the_exploration_decays_to_its_minimum(algorithm: Algorithm, rng: np.random.Generator) -> None:
     policy = random_policy(rng)

@@ -101,12 +101,3 @@ def test_scaling_the_coordinates_does_not_change_the_critic_of_a_linear_kernel(
         np.testing.assert_allclose(scaled.features @ v, samples.features @ w, rtol=1e-6, atol=1e-9)
     else:
         assert difference(scaled.features @ v, samples.features @ w) > 0.1
-
-
-@over_critics
-def test_without_a_ridge_the_critic_does_not_depend_on_the_coordinates(rng: np.random.Generator, critic: str) -> None:
-    policy = random_policy(rng)
-    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 40, 10), 5)
-    turned = Samples(**{**vars(samples), "features": samples.features @ rng.normal(size=(5, 5))})
-    w, v = (critic_of(critic, 1e-10).fit(s, 0.9) for s in (samples, turned))
-    np.testing.assert_allclose(turned.features @ v, samples.features @ w, rtol=1e-4, atol=1e-4)

@@ -124,19 +124,6 @@ def test_a_learnt_variance_stays_within_its_bounds_for_any_step(rng: np.random.G
     assert set(moved.variance.values) <= {0.01**2, 10.0**2}  # relative to the first one, 1
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["costs", "pays"])
-def test_costly_exploration_shrinks_at_the_rate_of_its_gradient(sign: float) -> None:
-    sd, n = 0.7, 20_000
-    kernel = Polynomial(1.0, 1)
-    policy = GaussianPolicy(Function(kernel, np.zeros((0, 1)), np.zeros((0, 1))), ConstantVariance(np.array([sd**2])))
-    actions = sd * np.random.default_rng(1).standard_normal((n, 1, 1))
-    episodes = Episodes.without_ends(np.ones((n, 1, 1)), actions, sign * actions[..., 0] ** 2, np.ones((n, 1), bool))
-    moved, *_ = learn(RKHSNAC(variance="learnt", step=FixedStep(0.1)), policy, episodes)
-    # E[(a^2 - sd^2) (a^2 / sd^2 - 1)] / sqrt 2 = sqrt 2 sd^2; five deviations of its mean are 5 sd^2 sqrt(56 / 2 n)
-    got = np.log(moved.variance.values[0] / sd**2) / (0.1 * np.sqrt(2.0))
-    assert got == pytest.approx(sign * np.sqrt(2.0) * sd**2, abs=5 * sd**2 * np.sqrt(28 / n))
-
-
 @over_masks
 def test_an_enac_step_matches_the_textbook(rng: np.random.Generator, masked: bool) -> None:
     centres = np.array([[a, b] for a in (-1.0, 0.5, 2.0) for b in (0.0, 1.0)])

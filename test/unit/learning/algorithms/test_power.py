@@ -20,7 +20,6 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from test.unit.conftest import learn, random_episodes, random_policy
 
-LINEAR = Polynomial(0.0, 1)
 DISCOUNT = 0.9
 AS_IN_THE_PAPER: dict[str, Any] = {"variance": "learnt"}
 over_variances = pytest.mark.parametrize("state", [False, True], ids=["constant variance", "learnt variance"])
@@ -69,26 +68,6 @@ def weighted_step(
             vector += weight * row * e / g
         columns.append(np.linalg.solve(matrix, vector))
     return np.stack(columns, axis=1)
-
-
-@over_weightings
-@over_variances
-def test_rkhs_power_with_a_linear_kernel_is_power_on_the_observation(
-    rng: np.random.Generator, weighting: str, state: bool
-) -> None:
-    rbf = random_policy(rng, d=3, learnt=state)  # its variance is over the same points
-    policy = replace(random_policy(rng, d=3, kernel=LINEAR), variance=rbf.variance)
-    episodes = random_episodes(rng, policy, 6, 8, masked=True)
-    # Only the mean is compared, because the learnt variance needs a kernel without negative values.
-    paper = AS_IN_THE_PAPER | {"variance": "as_published"}
-    algorithm = RKHSPoWER(weighting=weighting, ridge=0.7, value_ridge=0.2, **paper)
-    moved, *_ = learn(algorithm, policy, episodes, DISCOUNT)
-    x = episodes.flat(episodes.observations)
-    exploration = episodes.flat(episodes.actions) - policy.mean(x)
-    q = weights(weighting, x / np.sqrt(np.mean(x**2, axis=0)), episodes, 0.2)  # the ridge of the value is scale-free
-    step = weighted_step(x, exploration, policy.variance(x), q, 0.7)
-    assert np.abs(x @ step).max() > 1e-3
-    np.testing.assert_allclose(moved.mean(x), policy.mean(x) + x @ step, rtol=1e-8, atol=1e-8)
 
 
 @over_weightings
