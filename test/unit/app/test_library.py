@@ -2,15 +2,12 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
 
 import rkhs_ros
 from rkhs_ros.app.cli import main
@@ -66,21 +63,6 @@ def test_a_result_equals_that_of_a_configuration_file(tmp_path: Path) -> None:
     assert rkhs_ros.load(folder / "policy.npz")(x).tobytes() == result.policy(x).tobytes()
     assert result.best_policy is not None
     assert rkhs_ros.load(folder / "best_policy.npz")(x).tobytes() == result.best_policy(x).tobytes()
-
-
-SOURCES: dict[str, Callable[[], Any]] = {
-    "an environment": lambda: gymnasium.make("Pendulum-v1"),
-    "a vector environment": lambda: SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1")] * 2),
-    "a function": lambda: lambda: gymnasium.make("Pendulum-v1"),
-}
-
-
-@pytest.mark.parametrize("source", SOURCES)
-def test_every_kind_of_environment_gives_the_same_result(source: str) -> None:
-    result = rkhs_ros.train(SOURCES[source](), progress=False, **SHORT)
-    expected = rkhs_ros.train("Pendulum-v1", progress=False, **SHORT)
-    assert result.curve["exploration_return"].tolist() == expected.curve["exploration_return"].tolist()
-    assert result.policy.spaces.action_low.dtype == np.float32
 
 
 def test_learn_yields_results_and_can_be_stopped() -> None:
