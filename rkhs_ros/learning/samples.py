@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import FixedBasis
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
-from rkhs_ros.rkhs.regression import BLOCK_ROWS, by_blocks
-
-Rows = slice | NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -84,24 +80,13 @@ class Samples:
     @property
     def score_features(self) -> Array:
         r"""Gradient of the log policy, :math:`K(s, \cdot)\, u` (Eq 8), in coordinates, shape (samples, m n)."""
-        return self.score_features_of(slice(None))
-
-    def score_features_of(self, rows: Rows) -> Array:
-        """Return the score features of selected samples, shape (rows, m n)."""
-        score = self.exploration[rows] / self.variance[rows]
-        outer = self.features[rows][:, :, None] * score[:, None, :]
+        outer = self.features[:, :, None] * self.score[:, None, :]
         return outer.reshape(len(outer), outer.shape[1] * outer.shape[2])
 
     def trajectory_features(self, discount: float) -> Array:
         r"""Return :math:`\sum_t \gamma^t K(s_t, \cdot)\, u_t` of each episode in coordinates, shape (N, m n)."""
-        factors, ends = discount ** self.episodes.steps[:, None], self.episodes.begins[1:]
-
-        def sums(episodes: slice) -> Array:
-            begins = self.episodes.begins[episodes]
-            rows = slice(begins[0], ends[episodes.stop - 1] if episodes.stop <= len(ends) else None)
-            return np.add.reduceat(factors[rows] * self.score_features_of(rows), begins - begins[0], axis=0)
-
-        return by_blocks(sums, len(self.episodes), max(1, BLOCK_ROWS // self.episodes.horizon))
+        factors = discount ** self.episodes.steps[:, None]
+        return np.add.reduceat(factors * self.score_features, self.episodes.begins, axis=0)
 
     def as_coefficients(self, coordinates: Array) -> Array:
         """Return the coordinates of a function, shape (m n,), as coefficients of the basis, shape (m, n)."""

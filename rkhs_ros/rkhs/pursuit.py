@@ -89,13 +89,7 @@ def pursue(
 
 
 def pursue_atoms(
-    rows: Callable[[slice], Array],
-    targets: Array,
-    atoms: Callable[[slice], Array],
-    count: int,
-    *,
-    budget: int,
-    ridge: float = 0.0,
+    rows: Array, targets: Array, atoms: Array, *, budget: int, ridge: float = 0.0
 ) -> tuple[np.ndarray, Array]:
     """Fit targets by combinations of at most ``budget`` atoms.
 
@@ -103,22 +97,17 @@ def pursue_atoms(
     The fit of all targets is ``rows @ atoms[chosen].T @ weights``.
 
     Args:
-        rows: returns a slice of the rows, as coordinates in an orthonormal basis, shape (rows, m).
+        rows: coordinates in an orthonormal basis, shape (n, m).
         targets: shape (n, k).
-        atoms: returns a slice of the candidate vectors in the same coordinates, shape (atoms, m).
-        count: number of candidate vectors.
+        atoms: candidate vectors in the same coordinates, shape (atoms, m).
         budget: maximum number of selections.
         ridge: weight of the fitted vector's squared norm relative to the mean squared residual.
 
     Returns:
         The indices of the selected atoms, shape (c,), and their weights, shape (c, k).
     """
-    m = atoms(slice(0)).shape[1]
-    triangle, reduced, unreachable = _reduce(rows, targets, m, ridge * len(targets))
-    dictionary = np.empty((len(triangle), count))
-    for block in blocks_of(count):
-        dictionary[:, block] = triangle @ atoms(block).T
-    chosen, weights, _ = _orthogonal(dictionary, reduced, budget, -unreachable, pre_fitting=False)
+    triangle, reduced, unreachable = _reduce(rows.__getitem__, targets, atoms.shape[1], ridge * len(targets))
+    chosen, weights, _ = _orthogonal(triangle @ atoms.T, reduced, budget, -unreachable, pre_fitting=False)
     return chosen, weights
 
 

@@ -8,7 +8,6 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from rkhs_ros.rkhs.kernels import Array
 
 BLOCK_ROWS = 20_000  # more than the usual number of steps in an iteration
-MOST_IN_GRAM = 1000  # the dual form is used up to this number of rows even if it is the larger one
 LEAST_DIAGONAL = 1e-200  # mean diagonal of a Gram matrix below which all features vanish, e.g. far from every centre
 
 
@@ -32,28 +31,6 @@ def ridge_regression(features: Array, targets: Array, penalty: Array, weights: A
     weighted = features if weights is None else features * weights[:, None]
     normal = weighted.T @ features / n + np.diag(penalty)
     return np.asarray(_solved(normal, weighted.T @ targets / n))
-
-
-def ridge_regression_by_blocks(
-    features: Callable[[slice], Array], targets: Array, penalty: Array, block_rows: int = BLOCK_ROWS
-) -> Array:
-    """Solve `ridge_regression` without weights, one block of rows at a time to save memory.
-
-    Args:
-        features: returns a slice of the rows, shape (rows, p).
-        targets: shape (n, k).
-        penalty: lambda, shape (p,), positive.
-        block_rows: rows per block; if one block holds all rows, the result is bit-identical to `ridge_regression`.
-    """
-    n = len(targets)
-    if n <= block_rows:
-        return ridge_regression(features(slice(0, n)), targets, penalty)
-    normal, right = np.diag(n * penalty), np.zeros((len(penalty), targets.shape[1]))
-    for block in blocks_of(n, block_rows):
-        rows = features(block)
-        normal += rows.T @ rows
-        right += rows.T @ targets[block]
-    return np.asarray(_solved(normal, right))
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -96,29 +73,10 @@ def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, 
         ridge: lambda relative to the mean diagonal of the Gram matrix.
         intercept: whether to fit b; otherwise b = 0.
     """
-    if len(features) > max(MOST_IN_GRAM, features.shape[1]):
-        return _primal_regression(features, targets, ridge, intercept)
     gram = features @ features.T
-    regular = gram + ridge * _scale(np.trace(gram) / len(gram)) * np.eye(len(gram))
+    diagonal = np.trace(gram) / len(gram)
+    regular = gram + ridge * (diagonal if diagonal > LEAST_DIAGONAL else 1.0) * np.eye(len(gram))
     ones = np.ones(len(gram))
     inverse_ones, inverse_targets = np.linalg.solve(regular, np.stack([ones, targets], axis=1)).T
     b = (ones @ inverse_targets) / (ones @ inverse_ones) if intercept else 0.0
     return np.asarray(features.T @ (inverse_targets - b * inverse_ones))
-
-
-def _primal_regression(features: Array, targets: Array, ridge: float, intercept: bool) -> Array:
-    r"""Solve the primal problem without the Gram matrix.
-
-    .. math:: \lambda M = I - \Phi (\Phi^\top \Phi + \lambda I)^{-1} \Phi^\top
-    """
-    normal = features.T @ features
-    regular = normal + ridge * _scale(np.trace(normal) / len(features)) * np.eye(len(normal))
-    both = np.stack([np.ones(len(features)), targets], axis=1)
-    coefficients = cho_solve(cho_factor(regular, check_finite=False), features.T @ both)
-    of_ones, of_targets = np.sum(both - features @ coefficients, axis=0)
-    b = of_targets / of_ones if intercept else 0.0
-    return np.asarray(coefficients[:, 1] - b * coefficients[:, 0])
-
-
-def _scale(diagonal: float) -> float:
-    return diagonal if diagonal > LEAST_DIAGONAL else 1.0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.kernel_choice import KERNELS, MONOMIALS
@@ -50,7 +50,7 @@ def choices() -> Iterator[Any]:
 
 
 def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **changes: Any) -> Training:
-    on_grid = issubclass(ALGORITHMS[algorithm], GridSettings)
+    on_grid = issubclass(ALGORITHMS[algorithm], Grid)
     size = {"grid": [-4.0, 4.0, SIZES.get(task, 3)]} if on_grid else {"centres": BUDGET}
     # A window contains the policy's unclipped actions, of which a polynomial can grow without bound.
     history = WINDOWS.get(task, 1) if "polynomial" not in form and form != "linear * linear" else 1
@@ -82,7 +82,7 @@ def assert_sound(iteration: Iteration, task: str, training: Training) -> None:
     mean, metrics = iteration.policy.mean, iteration.metrics
     evaluation = iteration.evaluation.with_inputs(iteration.policy.inputs)
     points = evaluation.flat(evaluation.observations)
-    on_grid = isinstance(training.algorithm, GridSettings)
+    on_grid = isinstance(training.algorithm, Grid)
     assert np.isfinite(mean.weights).all()
     assert len(mean.centres) == metrics.centres <= (SIZES.get(task, 3) ** mean.input_dim if on_grid else BUDGET)
     assert np.isfinite(mean(points)).all()

@@ -5,8 +5,10 @@ from typing import Any
 
 from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
-from rkhs_ros.learning.algorithms.critics import Critic, PursuitCritic, StepCritic, TrajectoryCritic, ValueBaseline
+from rkhs_ros.learning.algorithms.critics import ValueBaseline, pursuit_critic, step_critic, trajectory_critic
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
+from rkhs_ros.learning.samples import Samples
+from rkhs_ros.rkhs.kernels import Array
 
 CRITICS = ("step", "trajectory", "pursuit")
 
@@ -39,9 +41,9 @@ class ActorCritic(Algorithm):
         """Value baseline of the advantages."""
         return ValueBaseline(self.value_ridge, self.trace)
 
-    @property
-    def chosen_critic(self) -> Critic:
-        """Critic that the settings select."""
+    def natural_gradient(self, samples: Samples, discount: float) -> Array:
+        """Return the coefficients of the natural gradient w as the critic estimates it, shape (m, n)."""
         if self.critic == "trajectory":
-            return TrajectoryCritic(self.ridge)
-        return (StepCritic if self.critic == "step" else PursuitCritic)(self.ridge, self.value_baseline)
+            return trajectory_critic(samples, discount, self.ridge)
+        fit = step_critic if self.critic == "step" else pursuit_critic
+        return fit(samples, discount, self.ridge, self.value_baseline)

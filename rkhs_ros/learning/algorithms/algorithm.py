@@ -9,12 +9,12 @@ import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.algorithms.function_spaces import FunctionSpace
 from rkhs_ros.learning.algorithms.step_rules import StepRule
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy, mean_kl
 from rkhs_ros.policies.variance import ConstantVariance
+from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel
 
 LEARNT_SD = 0.01, 10.0  # bounds of a learnt standard deviation, relative to the first one
@@ -90,10 +90,13 @@ class Algorithm(Settings, ABC):
         good = len(self.sd_range) == 2 and self.sd_range[0] <= self.sd_range[1]
         require(good, "algorithm.sd_range", "a minimum and a maximum", self.sd_range)
 
-    @property
     @abstractmethod
-    def space(self) -> FunctionSpace:
-        """Function space of the search; see `SparseSettings` and `GridSettings`."""
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the steps of episodes in coordinates of the space of functions that is searched."""
+
+    @abstractmethod
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction added to its mean; see `Sparse` and `Grid`."""
 
     @property
     def learns_variance(self) -> bool:
@@ -154,7 +157,7 @@ class Algorithm(Settings, ABC):
             direction = np.hstack([direction, np.tile(spread, (len(direction), 1))])
             variance = np.hstack([variance, np.ones_like(variance)])
         alpha = step.step_size(direction, variance, mean_return, experience.iteration)
-        moved, error = self.space.move(policy, w.scale(alpha), samples.observations)
+        moved, error = self.move(policy, w.scale(alpha), samples.observations)
         new = replace(
             moved, variance=self.decayed(policy) if spread is None else _moved(policy, alpha * spread, experience)
         )

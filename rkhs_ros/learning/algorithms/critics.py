@@ -11,28 +11,15 @@ each squared coefficient by the mean square of its column, so the scale of the c
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from rkhs_ros.learning.samples import Rows, Samples
+from rkhs_ros.learning.samples import Samples
 from rkhs_ros.rkhs.kernels import LINEAR, Array
 from rkhs_ros.rkhs.pursuit import pursue_atoms
-from rkhs_ros.rkhs.regression import by_blocks, relative_ridge_regression, ridge_regression_by_blocks
+from rkhs_ros.rkhs.regression import relative_ridge_regression, ridge_regression
 
 TREND_RIDGE = 1e-6  # penalty on the coefficients of 1, t and t^2, negligibly small
-
-
-class Critic(Protocol):
-    """An estimator of the natural gradient."""
-
-    def fit(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w, shape (m, n).
-
-        Args:
-            samples: samples of the iteration.
-            discount: discount factor gamma of the return.
-        """
 
 
 def ridge_scales(samples: Samples, columns: Array) -> Array:
@@ -60,13 +47,10 @@ class ValueBaseline:
 
     def values(self, samples: Samples, discount: float) -> Array:
         """Return the values, including the trend, of each sample, shape (samples,)."""
-        time_features, returns = samples.time_features, samples.rewards_to_go(discount)
-
-        def columns(rows: slice) -> Array:
-            return np.concatenate([samples.features[rows], time_features[rows]], axis=1)
-
-        solution = ridge_regression_by_blocks(columns, returns[:, None], self.penalty(samples))
-        return by_blocks(lambda rows: np.asarray(columns(rows) @ solution[:, 0]), len(returns))
+        columns = np.concatenate([samples.features, samples.time_features], axis=1)
+        returns = samples.rewards_to_go(discount)
+        solution = ridge_regression(columns, returns[:, None], self.penalty(samples))
+        return np.asarray(columns @ solution[:, 0])
 
     def returns(self, samples: Samples, discount: float) -> Array:
         """Return the lambda returns of each sample, shape (samples,)."""
@@ -87,88 +71,50 @@ class ValueBaseline:
         return np.concatenate([state, np.full(samples.time_features.shape[1], TREND_RIDGE)])
 
 
-@dataclass(frozen=True)
-class StepCritic:
-    r"""A critic with one equation per step, solved by joint ridge regression for w, V and the trend (after Eq 12).
+def step_critic(samples: Samples, discount: float, ridge: float, baseline: ValueBaseline) -> Array:
+    r"""Return w by one equation per step, a joint ridge regression for w, V and the trend (after Eq 12).
 
     .. math:: \sum_{k \ge t} \gamma^{k-t} r_k = \langle w, K(s_t, \cdot)\, u_t \rangle + V(s_t) + (1, t, t^2)\, \beta
 
     It has much less variance than a critic with one equation per episode. The :math:`u_t` are multiplied by the
     policy's standard deviation, so that the effect of the ridge does not depend on the variance.
 
-    Attributes:
+    Args:
+        samples: samples of the iteration.
+        discount: discount factor gamma of the return.
         ridge: penalty on the squared norm of w in these units.
         baseline: V and the trend; its lambda returns are the left-hand side.
+
+    Returns:
+        The coefficients of w, shape (m, n).
     """
-
-    ridge: float
-    baseline: ValueBaseline
-
-    def fit(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w, shape (m, n)."""
-        deviation, time_features = samples.deviation, samples.time_features
-
-        def columns(rows: slice) -> Array:
-            scores = deviation * samples.score_features_of(rows)
-            return np.concatenate([scores, samples.features[rows], time_features[rows]], axis=1)
-
-        scales = self._scales(samples)
-        penalty = np.concatenate([self.ridge * scales, self.baseline.penalty(samples)])
-        returns = self.baseline.returns(samples, discount)
-        solution = ridge_regression_by_blocks(columns, returns[:, None], penalty)
-        return deviation * samples.as_coefficients(solution[: len(scales)])
-
-    def _scales(self, samples: Samples) -> Array:
-        """Return the weight of each squared coefficient of w in the penalty, shape (m n,)."""
-        if samples.basis.kernel != LINEAR:  # avoids the score features of all samples at once
-            return np.ones(samples.features.shape[1] * samples.exploration.shape[1])
-        return ridge_scales(samples, samples.deviation * samples.score_features)
+    scores = samples.deviation * samples.score_features
+    columns = np.concatenate([scores, samples.features, samples.time_features], axis=1)
+    penalty = np.concatenate([ridge * ridge_scales(samples, scores), baseline.penalty(samples)])
+    solution = ridge_regression(columns, baseline.returns(samples, discount)[:, None], penalty)
+    return samples.deviation * samples.as_coefficients(solution[: scores.shape[1]])
 
 
-@dataclass(frozen=True)
-class TrajectoryCritic:
-    r"""A critic with one equation per episode, solved by ridge regression (section 3.2, "the critic").
+def trajectory_critic(samples: Samples, discount: float, ridge: float) -> Array:
+    r"""Return w by ridge regression with one equation per episode (section 3.2, "the critic"), shape (m, n).
 
     .. math:: \sum_t \gamma^t r_t = \langle w, \sum_t \gamma^t K(s_t, \cdot)\, u_t \rangle + V(s_0)
 
-    An intercept without a penalty represents :math:`V(s_0)`.
-
-    Attributes:
-        ridge: penalty on the squared norm of w, relative to the mean diagonal of the Gram matrix.
+    An intercept without a penalty represents :math:`V(s_0)`. The ridge is relative to the mean diagonal of the Gram
+    matrix.
     """
-
-    ridge: float
-
-    def fit(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w, shape (m, n)."""
-        features = samples.trajectory_features(discount)
-        units = np.sqrt(ridge_scales(samples, features))
-        scaled = features / units
-        solution = relative_ridge_regression(scaled, samples.episodes.returns(discount), self.ridge)
-        return samples.as_coefficients(solution / units)
+    features = samples.trajectory_features(discount)
+    units = np.sqrt(ridge_scales(samples, features))
+    solution = relative_ridge_regression(features / units, samples.episodes.returns(discount), ridge)
+    return samples.as_coefficients(solution / units)
 
 
-@dataclass(frozen=True)
-class PursuitCritic:
-    r"""A critic with one equation per step, solved by kernel matching pursuit for the returns minus the values.
+def pursuit_critic(samples: Samples, discount: float, ridge: float, baseline: ValueBaseline) -> Array:
+    r"""Return w by kernel matching pursuit for the returns minus the values, with one equation per step, shape (m, n).
 
-    It returns :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11).
-
-    Attributes:
-        ridge: penalty on the squared norm of w, in the units of the step critic.
-        baseline: provides the advantages to which w is fitted.
+    It is :math:`w = \sum_j \beta_j K(s_j, \cdot)\, u_j` over at most m samples (Eq 11). The ridge has the units of the
+    step critic.
     """
-
-    ridge: float
-    baseline: ValueBaseline
-
-    def fit(self, samples: Samples, discount: float) -> Array:
-        """Return the coefficients of w, shape (m, n)."""
-        advantages = self.baseline.advantages(samples, discount)
-        deviation, (count, budget) = samples.deviation, samples.features.shape
-
-        def scores(rows: Rows) -> Array:  # in the units of the step critic
-            return deviation * samples.score_features_of(rows)
-
-        chosen, weights = pursue_atoms(scores, advantages[:, None], scores, count, budget=budget, ridge=self.ridge)
-        return deviation * samples.as_coefficients(weights[:, 0] @ scores(chosen))
+    scores, targets = samples.deviation * samples.score_features, baseline.advantages(samples, discount)
+    chosen, weights = pursue_atoms(scores, targets[:, None], scores, budget=samples.features.shape[1], ridge=ridge)
+    return samples.deviation * samples.as_coefficients(weights[:, 0] @ scores[chosen])

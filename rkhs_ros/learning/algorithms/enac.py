@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic, critic_setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
 @dataclass(frozen=True)
-class ENAC(GridSettings, ActorCritic):
+class ENAC(Grid, ActorCritic):
     r"""The natural actor-critic on a grid of centres, whose critic has one equation per episode.
 
     .. math:: \theta \leftarrow \theta + \alpha w, \qquad
@@ -28,6 +28,6 @@ class ENAC(GridSettings, ActorCritic):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
-        samples = self.space.samples(policy, experience.episodes)  # phi, Eq 3
-        w = self.chosen_critic.fit(samples, experience.discount)  # of R(xi), see above
+        samples = self.samples(policy, experience.episodes)  # phi, Eq 3
+        w = self.natural_gradient(samples, experience.discount)  # of R(xi), see above
         return self.gradient_step(policy, w, samples, experience, self.step)  # theta + alpha w, section 2.2

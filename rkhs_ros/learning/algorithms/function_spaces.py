@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from math import prod
-from typing import Protocol
 
 import numpy as np
 
@@ -18,34 +17,17 @@ from rkhs_ros.rkhs.pursuit import sparsify
 MAX_GRID_CENTRES = 100_000
 
 
-class FunctionSpace(Protocol):
-    """A space of functions in which the policy's mean is searched."""
-
-    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the steps of episodes in coordinates of the space."""
-
-    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its mean, and the relative error of the sparsification.
-
-        Args:
-            policy: the policy.
-            direction: a function of the space.
-            points: points at which the mean's values are fitted, shape (samples, d).
-        """
-
-
 @dataclass(frozen=True)
-class Sparse:
-    """The RKHS with centres selected among the samples and sparsified after every update (Algorithm 1).
+class Sparse(Settings):
+    """Base class of algorithms that search the RKHS.
 
-    Attributes:
-        centres: maximum number of centres of the policy.
+    Centres are selected among the samples and sparsified after every update (Algorithm 1).
     """
 
-    centres: int
+    centres: int = setting(80, "maximum number of centres of the policy", minimum=1, maximum=2000)
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in a Newton basis.
+        """Return the steps of episodes in a Newton basis.
 
         For a linear kernel, the basis is the unit vectors, which are orthonormal and span the whole space. A basis of
         samples would lose features that are much smaller than others.
@@ -55,7 +37,13 @@ class Sparse:
         return Samples.in_newton_basis(policy, episodes, self.centres)
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction added to its sparsified mean, and the relative error."""
+        """Return the policy with the direction added to its mean, and the relative error of the sparsification.
+
+        Args:
+            policy: the policy.
+            direction: a function of the space.
+            points: points at which the mean's values are fitted, shape (samples, d).
+        """
         mean = policy.mean + direction
         if len(mean.centres) <= self.centres:
             return policy.with_mean(mean), 0.0
@@ -64,53 +52,8 @@ class Sparse:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """The span of kernel functions on a fixed grid, with the Euclidean norm of the weights (Eq 3).
-
-    Attributes:
-        axes: lower end, upper end and number of centres along each dimension, which repeat over the inputs.
-    """
-
-    axes: tuple[float, ...]
-
-    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
-        """Return the samples in the basis of the grid's kernel functions."""
-        return Samples.on_centres(policy, episodes, self.centres(policy.mean.input_dim))
-
-    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
-        """Return the policy with the direction's weights added, and an error of 0."""
-        return policy.with_mean(policy.mean + direction), 0.0
-
-    def centres(self, d: int) -> Array:
-        """Return the points of the grid over d inputs, shape (m, d).
-
-        Raises:
-            ValueError: the axes do not fit d inputs, or there are too many centres.
-        """
-        axes = np.reshape(self.axes, (-1, 3))
-        require(d % len(axes) == 0, "algorithm.grid", f"3 numbers, or 3 for each of {d} inputs", len(self.axes))
-        low, high, counts = np.tile(axes, (d // len(axes), 1)).T
-        sizes = tuple(int(count) for count in counts)
-        most = f"at most {MAX_GRID_CENTRES} centres in total"
-        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid", most, prod(sizes))
-        return grid(low, high, sizes)
-
-
-@dataclass(frozen=True)
-class SparseSettings:
-    """Settings of algorithms that search the RKHS."""
-
-    centres: int = setting(80, "maximum number of centres of the policy", minimum=1, maximum=2000)
-
-    @property
-    def space(self) -> Sparse:
-        """Function space of the search."""
-        return Sparse(self.centres)
-
-
-@dataclass(frozen=True)
-class GridSettings(Settings):
-    """Settings of algorithms that search the weights on a grid of centres."""
+class Grid(Settings):
+    """Base class of algorithms that search the weights on a fixed grid of centres, with their Euclidean norm (Eq 3)."""
 
     grid: tuple[float, ...] = setting(
         (-1.0, 1.0, 5.0),
@@ -126,7 +69,20 @@ class GridSettings(Settings):
         good = len(self.grid) % 3 == 0 and all(count >= 1 and count == int(count) for count in self.grid[2::3])
         require(good, "algorithm.grid", "lower end, upper end and whole number of centres", self.grid)
 
-    @property
-    def space(self) -> Grid:
-        """Function space of the search."""
-        return Grid(self.grid)
+    def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
+        """Return the steps of episodes in the basis of the grid's kernel functions."""
+        return Samples.on_centres(policy, episodes, self._centres(policy.mean.input_dim))
+
+    def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
+        """Return the policy with the direction's weights added, and an error of 0."""
+        return policy.with_mean(policy.mean + direction), 0.0
+
+    def _centres(self, d: int) -> Array:
+        """Return the points of the grid over d inputs, shape (m, d)."""
+        axes = np.reshape(self.grid, (-1, 3))
+        require(d % len(axes) == 0, "algorithm.grid", f"3 numbers, or 3 for each of {d} inputs", len(self.grid))
+        low, high, counts = np.tile(axes, (d // len(axes), 1)).T
+        sizes = tuple(int(count) for count in counts)
+        most = f"at most {MAX_GRID_CENTRES} centres in total"
+        require(prod(sizes) <= MAX_GRID_CENTRES, "algorithm.grid", most, prod(sizes))
+        return grid(low, high, sizes)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.weighted_exploration import (
     WeightedExploration,
     weighted_regression,
@@ -21,7 +21,7 @@ LEAST_SQUARED_LENGTH = 1e-12  # avoids division by zero, because features vanish
 
 
 @dataclass(frozen=True)
-class PoWER(GridSettings, WeightedExploration):
+class PoWER(Grid, WeightedExploration):
     r"""PoWER on a grid of centres, with reuse of the best episodes so far.
 
     Exploration noise of the actions stands for exploration noise of the parameters,
@@ -36,7 +36,7 @@ class PoWER(GridSettings, WeightedExploration):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
-        samples = self.space.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3
+        samples = self.samples(policy, experience.episodes + experience.memory)  # phi, Eq 3
         q = self.weights(samples, experience.discount)
         if self.weighting == "as_published":
             change = mean_exploration(samples, q)  # Eq 6

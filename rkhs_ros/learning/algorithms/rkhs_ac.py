@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from rkhs_ros.base.settings import variant
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic, critic_setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.function_spaces import Sparse
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
 @dataclass(frozen=True)
-class RKHSAC(SparseSettings, ActorCritic):
+class RKHSAC(Sparse, ActorCritic):
     r"""The actor-critic in the RKHS: ascent along the plain gradient; matching pursuit fits the advantage.
 
     .. math:: h \leftarrow h + \frac{\alpha}{N} \sum_{i,t} A(s_{it}, a_{it})\, K(s_{it}, \cdot)\, u_{it}, \qquad
@@ -23,8 +23,8 @@ class RKHSAC(SparseSettings, ActorCritic):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the plain gradient."""
-        samples = self.space.samples(policy, experience.episodes)
-        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 11
+        samples = self.samples(policy, experience.episodes)
+        w = self.natural_gradient(samples, experience.discount)  # Eq 11
         advantages = samples.compatible_advantages(w)  # <w, K(s, .) u>, Eq 12
         gradient = samples.policy_gradient(advantages)  # Eq 9
         return self.gradient_step(policy, gradient, samples, experience, self.step)  # Eq 10

@@ -7,7 +7,7 @@ import numpy as np
 from rkhs_ros.base.settings import setting
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.function_spaces import Sparse
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -15,7 +15,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 
 @dataclass(frozen=True)
-class RKHSNAC(SparseSettings, ActorCritic):
+class RKHSNAC(Sparse, ActorCritic):
     r"""The natural actor-critic in the RKHS: the critic's estimate *is* the natural gradient (Eq 22).
 
     .. math:: h \leftarrow h + \alpha w, \qquad A(s, a) = \langle w, K(s, \cdot)\, \Sigma^{-1} (a - h(s)) \rangle
@@ -47,8 +47,8 @@ class RKHSNAC(SparseSettings, ActorCritic):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
-        samples = self.space.samples(policy, experience.episodes + experience.memory)
-        w = self.chosen_critic.fit(samples, experience.discount)  # Eq 12, which makes w the gradient of Eq 22
+        samples = self.samples(policy, experience.episodes + experience.memory)
+        w = self.natural_gradient(samples, experience.discount)  # Eq 12, which makes w the gradient of Eq 22
         v = self._spread(samples, w, experience) if self.learns_variance else None
         return self.gradient_step(policy, w, samples, experience, self.step, v)  # h + alpha w, Algorithm 1
 

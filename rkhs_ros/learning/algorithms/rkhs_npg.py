@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from rkhs_ros.base.settings import setting, variant
 from rkhs_ros.learning.algorithms.algorithm import Algorithm, Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.function_spaces import Sparse
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.regression import relative_ridge_regression
 
 
 @dataclass(frozen=True)
-class RKHSNPG(SparseSettings, Algorithm):
+class RKHSNPG(Sparse, Algorithm):
     r"""Ascent along the natural gradient, computed with the N x N Gram matrix of the trajectories (Eq 18 to 20).
 
     .. math:: h \leftarrow h + \alpha \sum_i \hat R_i \sum_t K(s_{it}, \cdot)\, u_{it}, \qquad
@@ -33,7 +33,7 @@ class RKHSNPG(SparseSettings, Algorithm):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the natural gradient."""
-        samples = self.space.samples(policy, experience.episodes)
+        samples = self.samples(policy, experience.episodes)
         scores = samples.trajectory_features(discount=1.0)  # grad log P(xi), Eq 19; Lambda is their Gram
         returns = samples.episodes.returns(experience.discount)  # R
         with_intercept = self.baseline != "as_published"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import SparseSettings
+from rkhs_ros.learning.algorithms.function_spaces import Sparse
 from rkhs_ros.learning.algorithms.weighted_exploration import WeightedExploration, weighted_regression
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -14,7 +14,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 
 @dataclass(frozen=True)
-class RKHSPoWER(SparseSettings, WeightedExploration):
+class RKHSPoWER(Sparse, WeightedExploration):
     r"""PoWER in the RKHS: weighted kernel regression of the exploration :math:`\epsilon = a - h(s)`.
 
     .. math:: h' = h + \arg\min_f \sum_t q_t |f(s_t) - \epsilon_t|^2 / g(s_t) + \lambda |f|^2
@@ -22,7 +22,7 @@ class RKHSPoWER(SparseSettings, WeightedExploration):
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy with new mean and variance."""
-        samples = self.space.samples(policy, experience.episodes + experience.memory)
+        samples = self.samples(policy, experience.episodes + experience.memory)
         if self.weighting == "as_published":
             q = self.value_baseline.advantages(samples, experience.discount)  # A, signed
             change = published_regression(samples, q, self.ridge)  # Eq 23 as published

@@ -160,7 +160,7 @@ class WeightedExploration(Algorithm):
             samples: samples of the iteration and of the reused episodes.
             weights: q, shape (samples,).
         """
-        moved, error = self.space.move(policy, change, samples.observations)
+        moved, error = self.move(policy, change, samples.observations)
         new = replace(moved, variance=self._next_variance(policy, samples, weights))
         return Update(new, measure(samples, new, 1.0, error))
 

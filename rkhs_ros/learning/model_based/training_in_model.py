@@ -143,7 +143,7 @@ def _finer(algorithm: Algorithm) -> Algorithm:
 
 def inputs_may_change(inputs: Inputs, algorithm: Algorithm, kernel: KernelChoice) -> bool:
     """Return False if a setting depends on the inputs: monomials, a grid of centres, or one bandwidth per input."""
-    return inputs.degree == 0 and not isinstance(algorithm.space, Grid) and not kernel.is_for_given_inputs
+    return inputs.degree == 0 and not isinstance(algorithm, Grid) and not kernel.is_for_given_inputs
 
 
 def _optimise(

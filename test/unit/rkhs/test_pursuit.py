@@ -120,7 +120,7 @@ def test_the_pursuit_of_atoms_matches_scikit_learn_and_selects_the_best_atom_in_
 ) -> None:
     rng = np.random.default_rng(seed)
     rows, atoms, targets = rng.normal(size=(60, 12)), rng.normal(size=(25, 12)), rng.normal(size=(60, columns))
-    chosen, weights = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 25, budget=6)
+    chosen, weights = pursue_atoms(rows, targets, atoms, budget=6)
     dictionary = rows @ atoms.T
     lengths = np.linalg.norm(dictionary, axis=0)
     assert weights.shape == (6, columns)
@@ -140,7 +140,7 @@ def test_the_pursuit_of_atoms_matches_scikit_learn_and_selects_the_best_atom_in_
 @pytest.mark.parametrize("n", [60, 7], ids=["tall", "wide"])
 def test_the_ridge_of_a_pursuit_of_atoms_penalises_the_fitted_vector(n: int, rng: np.random.Generator) -> None:
     rows, atoms, targets = rng.normal(size=(n, 5)), rng.normal(size=(9, 5)), rng.normal(size=(n, 2))
-    chosen, weights = pursue_atoms(rows.__getitem__, targets, atoms.__getitem__, 9, budget=9, ridge=0.3)
+    chosen, weights = pursue_atoms(rows, targets, atoms, budget=9, ridge=0.3)
     vector = np.linalg.solve(rows.T @ rows + 0.3 * n * np.eye(5), rows.T @ targets)  # five atoms span all vectors
     assert len(chosen) == 5
     np.testing.assert_allclose(atoms[chosen].T @ weights, vector, rtol=1e-8, atol=1e-10)
@@ -173,5 +173,5 @@ def test_normal_equations_match_a_qr_factorisation(ridge: float, monkeypatch: py
 @pytest.mark.parametrize("rows", [0, 1, 2, 3])
 def test_underdetermined_problems_are_solved_exactly(rows: int, rng: np.random.Generator) -> None:
     equations, targets = rng.normal(size=(rows, 3)), rng.normal(size=(rows, 1))
-    chosen, weights = pursue_atoms(lambda block: equations[block], targets, lambda block: np.eye(3)[block], 3, budget=3)
+    chosen, weights = pursue_atoms(equations, targets, np.eye(3), budget=3)
     np.testing.assert_allclose(equations[:, chosen] @ weights, targets, atol=1e-9)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import training_from
@@ -37,7 +37,7 @@ COUNTS = ("iterations", "explored", "evaluated", "steps")
 def config_of(way: Any) -> Config:
     way = {"name": way} if isinstance(way, str) else dict(way)
     form = way.pop("model", "none")
-    on_grid = issubclass(ALGORITHMS[way.get("name", "rkhs_nac")], GridSettings)
+    on_grid = issubclass(ALGORITHMS[way.get("name", "rkhs_nac")], Grid)
     size = {"grid": [-4.0, 4.0, 3]} if on_grid else {"centres": 6}
     tree = {
         "iterations": 4 if form == "none" else 3,

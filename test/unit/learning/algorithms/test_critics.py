@@ -4,12 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.algorithms.critics import (
-    PursuitCritic,
-    StepCritic,
-    TrajectoryCritic,
-    ValueBaseline,
-)
+from rkhs_ros.learning.algorithms.critics import ValueBaseline, pursuit_critic, step_critic, trajectory_critic
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.rkhs.function import FixedBasis
 from rkhs_ros.rkhs.kernels import LINEAR
@@ -44,7 +39,7 @@ def test_primal_and_dual_of_the_trajectory_critic_agree(
     p = features.shape[1]
     design = np.block([[features, np.ones((n, 1))], [np.sqrt(ridge) * np.eye(p), np.zeros((p, 1))]])
     primal = np.linalg.lstsq(design, np.append(returns, np.zeros(p)))[0][:p]
-    dual = TrajectoryCritic(0.3).fit(data, DISCOUNT)
+    dual = trajectory_critic(data, DISCOUNT, 0.3)
     np.testing.assert_allclose(dual.ravel(), primal, rtol=1e-6, atol=1e-10)
 
 
@@ -73,7 +68,7 @@ def test_the_step_critic_is_least_squares_with_rows_for_the_penalties(
     fitted[data.episodes.mask] = of_state @ fit(of_state, to_go, [0.3] * 5 + [1e-6] * 3)
     targets = data.episodes.flat(data.episodes.lambda_returns(fitted, DISCOUNT, trace))
     w = fit(np.column_stack([scores, of_state]), targets, [0.2] * 10 + [0.3] * 5 + [1e-6] * 3)[:10]
-    got = StepCritic(0.2, ValueBaseline(0.3, trace)).fit(data, DISCOUNT)
+    got = step_critic(data, DISCOUNT, 0.2, ValueBaseline(0.3, trace))
     np.testing.assert_allclose(got.ravel(), scale * w, rtol=1e-7, atol=1e-9)
 
 
@@ -86,7 +81,7 @@ def test_pursuit_of_steps_with_enough_atoms_is_ridge_regression_after_the_value(
     by_step = np.zeros(data.episodes.mask.shape)
     by_step[data.episodes.mask] = values
     targets = data.episodes.flat(data.episodes.lambda_returns(by_step, DISCOUNT, trace)) - values
-    got = PursuitCritic(0.2, ValueBaseline(0.3, trace=trace)).fit(data, DISCOUNT)
+    got = pursuit_critic(data, DISCOUNT, 0.2, ValueBaseline(0.3, trace))
     assert_is_ridge_regression(got, data, score_rows(data), targets)
 
 

@@ -98,7 +98,7 @@ def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(
     moved, _ = learn(algorithm, policy, newest, DISCOUNT, memory=older)
     memory = algorithm.remembered(newest + older, DISCOUNT)
     w = (moved.mean(np.eye(3)) - policy.mean(np.eye(3))) / 0.3  # for a linear mean
-    samples = algorithm.space.samples(policy, newest + older)
+    samples = algorithm.samples(policy, newest + older)
     left, count = iter(algorithm.value_baseline.advantages(samples, DISCOUNT)), 0
     v, variance = np.zeros(2), policy.variance(np.zeros((1, 3)))[0]
     for steps in scores(policy, newest):

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
-from rkhs_ros.learning.algorithms.function_spaces import GridSettings
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.iteration import Iteration
@@ -48,7 +48,7 @@ ArraysOf = Callable[[Any], dict[str, np.ndarray]]
 
 
 def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
-    on_grid = issubclass(ALGORITHMS[name], GridSettings)
+    on_grid = issubclass(ALGORITHMS[name], Grid)
     size = WIDE if on_grid else {"centres": 12}
     tree: dict[str, Any] = {
         "iterations": ITERATIONS,
