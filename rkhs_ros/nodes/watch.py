@@ -55,41 +55,33 @@ COLOURS = {DiagnosticStatus.OK: "green", DiagnosticStatus.WARN: "yellow", Diagno
 Statuses = dict[str, DiagnosticStatus]
 
 
-class Client:
-    """A node in a ROS domain, that of ROS_DOMAIN_ID if it is None, with a context of its own."""
-
-    def __init__(self, name: str, domain: int | None) -> None:
-        self.context = Context()
-        with using_udp():  # like the nodes of a run
-            rclpy.init(args=[], context=self.context, domain_id=domain)
-            self.node = Node(name, context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self.context.try_shutdown()
-        self.executor.shutdown()
-        self.node.destroy_node()
+def _joined(name: str, domain: int | None) -> Node:
+    """Return a node in a ROS domain, that of ROS_DOMAIN_ID if it is None, with a context of its own."""
+    context = Context()
+    with using_udp():  # like the nodes of a run
+        rclpy.init(args=[], context=context, domain_id=domain)
+        return Node(name, context=context)
 
 
-class NodeReports(Client):
+class NodeReports:
     """Receives the reports of nodes, the progress of learners and the gate's state, in a thread, until it is closed.
 
     Owns the newest report of each node with its arrival time, and the newest progress of each learner.
     """
 
     def __init__(self, domain: int | None) -> None:
-        super().__init__("status", domain)
+        self._node = _joined("status", domain)
+        self._executor = SingleThreadedExecutor(context=self._node.context)
+        self._executor.add_node(self._node)
         self.heard_new_at = time.monotonic()  # when the last new node appeared, seconds
         self.progress: dict[str, LearningProgress] = {}  # of each learner, by topic
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
         self._topics: set[str] = set()
         self._learners: set[str] = set()
         self._gate: GateState | None = None
-        self.node.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
-        self.node.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
-        self.node.create_timer(CHECK_S, self._look_for_learners)
+        self._node.create_subscription(DiagnosticArray, TOPIC, self._hear, DIAGNOSTICS_QOS)
+        self._node.create_subscription(GateState, "gate/state", self._hear_gate, LATCHED_QOS)
+        self._node.create_timer(CHECK_S, self._look_for_learners)
         self._thread = Thread(target=self._spin, daemon=True)
         self._thread.start()
 
@@ -113,24 +105,25 @@ class NodeReports(Client):
 
     def close(self) -> None:
         """Leave the domain."""
-        self.context.try_shutdown()
+        self._node.context.try_shutdown()
         self._thread.join()
-        super().close()
+        self._executor.shutdown()
+        self._node.destroy_node()
 
     def _spin(self) -> None:
         try:
-            self.executor.spin()
+            self._executor.spin()
         except ExternalShutdownException:
             return
 
     def _look_for_learners(self) -> None:
         """Subscribe to the progress of new learners in any namespace, and note which of them are running."""
-        for topic, kinds in self.node.get_topic_names_and_types():
+        for topic, kinds in self._node.get_topic_names_and_types():
             if PROGRESS in kinds and topic not in self._topics:
                 self._topics.add(topic)
                 hear = partial(self.progress.__setitem__, topic)
-                self.node.create_subscription(LearningProgress, topic, hear, LATCHED_QOS)
-        running = filter(self.node.count_publishers, self.progress)
+                self._node.create_subscription(LearningProgress, topic, hear, LATCHED_QOS)
+        running = filter(self._node.count_publishers, self.progress)
         self._learners = {f"{topic.rpartition('/')[0]}/learner" for topic in running}
 
     def _hear(self, message: DiagnosticArray) -> None:
@@ -161,18 +154,19 @@ def _silent(status: DiagnosticStatus, seconds: float) -> DiagnosticStatus:
 def command(word: str, domain: int | None) -> str:
     """Call the service of an operator's command once, and return its answer; raise PeerError if it fails or refuses."""
     service, kind, request = SERVICES[word]
-    with closing(Client("operator", domain)) as client:
-        caller = client.node.create_client(kind, service)
-        call, deadline = None, time.monotonic() + FOUND_TIMEOUT_S
-        while call is None or not call.done():
-            if call is None and caller.service_is_ready():
-                call, deadline = caller.call_async(request), time.monotonic() + ANSWER_TIMEOUT_S
-            if time.monotonic() > deadline:
-                found = "the node does not answer; it may have acted, see rkhs status"
-                none = "the node is not running; pass the run's folder, or set ROS_DOMAIN_ID"
-                raise PeerError(f"{service}: {none if call is None else found}")
-            client.executor.spin_once(timeout_sec=CHECK_S)
+    node = _joined("operator", domain)
+    try:
+        client = node.create_client(kind, service)
+        if not client.wait_for_service(FOUND_TIMEOUT_S):
+            raise PeerError(f"{service}: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID")
+        call, executor = client.call_async(request), SingleThreadedExecutor(context=node.context)
+        rclpy.spin_until_future_complete(node, call, executor, ANSWER_TIMEOUT_S)
+        if not call.done():
+            raise PeerError(f"{service}: the node does not answer; it may have acted, see rkhs status")
         answer = call.result()
+    finally:
+        node.destroy_node()
+        node.context.try_shutdown()
     if not answer.success:
         raise PeerError(f"{word} was refused: {answer.message}")
     return f"{word}: done" + f" ({answer.message})" * bool(answer.message)

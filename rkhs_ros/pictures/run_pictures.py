@@ -62,7 +62,7 @@ def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spa
     widths = episodes.observations.shape[2], episodes.actions.shape[2]
     names, spaces = names_of(task, *widths, spaces), spaces or Spaces.unbounded(*widths)
     if task.horizon == 1:
-        attempts = [each.episodes for each in recording.finished if each.batch.explore][-MOST_ATTEMPTS:]
+        attempts = [each.episodes for each in recording.by_numbers().values() if each.batch.explore][-MOST_ATTEMPTS:]
         attempted = Episodes.concatenate(attempts)
         return attempts_figure(attempted, episodes, spaces, names, task.environment, success_reward(task))
     return policy_figure(policy, spaces, names, episodes, task.environment)

@@ -205,13 +205,3 @@ class MessageReader:
                 kind, times = (schema.name, schema.data.decode()), (part.log_time, part.publish_time)
                 found.append(Stored(channel.topic, *kind, part.data, *times))
         return found
-
-
-def read_messages(path: Path) -> Found:
-    """Read the messages of an MCAP file; skip messages with a wrong checksum and an incomplete end.
-
-    Raises:
-        ValueError: the file is not an MCAP file.
-        OSError: the file cannot be read.
-    """
-    return MessageReader(path).news()

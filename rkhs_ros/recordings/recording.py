@@ -17,7 +17,7 @@ from rkhs_ros.policies.messages import policy_of, spaces_of
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.container import Stored, read_messages
+from rkhs_ros.recordings.container import MessageReader, Stored
 from rkhs_ros.recordings.definitions import PACKAGE, decoded
 from rkhs_ros.recordings.messages import episodes_of, executions_of
 
@@ -139,20 +139,15 @@ class Recording:
         trained = [policy for policy in self.policies.values() if len(policy.mean.centres) > 0]
         return trained[-1].action_repeat if trained else None
 
-    @property
-    def finished(self) -> list[RecordedBatch]:
-        """The completed episodes, each once, as batches of one episode."""
-        return list(self.by_numbers().values())
-
     def episodes(self) -> Episodes:
         """Return all completed episodes, each once.
 
         Raises:
             ValueError: there are no episodes.
         """
-        finished = self.finished
+        finished = self.by_numbers()
         require(bool(finished), "recording", "at least one finished episode", "none")
-        return Episodes.concatenate(each.episodes for each in finished)
+        return Episodes.concatenate(each.episodes for each in finished.values())
 
     def exploration(self, iteration: int) -> Episodes:
         """Return the exploration episodes of a finished iteration, before its update.
@@ -260,7 +255,7 @@ def faults_named(path: Path) -> Iterator[None]:
 
 def intact_messages(path: Path) -> list[Stored]:
     """Return the intact messages of an MCAP file; print warnings about damaged parts."""
-    found = read_messages(path)
+    found = MessageReader(path).news()
     for fault in found.faults:
         print(f"warning: {path}: {fault}", file=sys.stderr)
     return found.messages

@@ -1,15 +1,15 @@
 """Optional interfaces of tasks for viewers and films, besides observations and rewards."""
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from rkhs_ros.rkhs.kernels import Array
 
 Corner = tuple[float, float, float]
 
 
-class Body(Protocol):
-    """A visible rigid body.
+class Body(NamedTuple):
+    """A visible rigid body; a task may return any object with these attributes.
 
     Attributes:
         shape: "box", "ball" or "cylinder", whose axis is z.
@@ -17,16 +17,13 @@ class Body(Protocol):
         colour: RGB colour such as "#0072B2".
     """
 
-    @property
-    def shape(self) -> str: ...  # noqa: D102
-    @property
-    def size(self) -> tuple[float, float, float]: ...  # noqa: D102
-    @property
-    def colour(self) -> str: ...  # noqa: D102
+    shape: str
+    size: tuple[float, float, float]
+    colour: str
 
 
-class BodyTrajectories(Protocol):
-    """Trajectories of bodies; z points up.
+class BodyTrajectories(NamedTuple):
+    """Trajectories of bodies; z points up. A task may return any object with these attributes.
 
     Attributes:
         times: times in seconds, shape (k,).
@@ -34,12 +31,9 @@ class BodyTrajectories(Protocol):
         orientations: unit quaternions w, x, y, z, shape (k, bodies, 4).
     """
 
-    @property
-    def times(self) -> Array: ...  # noqa: D102
-    @property
-    def positions(self) -> Array: ...  # noqa: D102
-    @property
-    def orientations(self) -> Array: ...  # noqa: D102
+    times: Array
+    positions: Array
+    orientations: Array
 
 
 @runtime_checkable
@@ -56,8 +50,8 @@ class ShowsBodies(Protocol):
     @property
     def bounds(self) -> tuple[Corner, Corner]: ...  # noqa: D102
 
-    def bodies(self) -> Sequence[Body]:
-        """Return the visible bodies."""
+    def bodies(self) -> Sequence[Any]:
+        """Return the visible bodies, with the attributes of `Body`."""
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
         """Return the trajectories of the bodies in an episode; None if nothing moved.

@@ -13,18 +13,11 @@ from viser.transforms import SE3, SO3
 from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
+from rkhs_ros.rollouts.visualization import Body
 
 NO_TURN = (1.0, 0.0, 0.0, 0.0)  # unit quaternion w, x, y, z
 GREY = "#B4B6BA"  # of bodies without a colour
 SHADE = 0.87  # darkens all colours, so that white is visible on a white page
-
-
-class Primitive(NamedTuple):
-    """A box, a ball or a cylinder; implements `rkhs_ros.rollouts.visualization.Body`."""
-
-    shape: str
-    size: tuple[float, float, float]
-    colour: str
 
 
 class Surface(NamedTuple):
@@ -35,14 +28,6 @@ class Surface(NamedTuple):
     colour: str
     vertices: Array
     faces: NDArray[np.int64]
-
-
-class Poses(NamedTuple):
-    """The pose of each body at each step; implements `rkhs_ros.rollouts.visualization.BodyTrajectories`."""
-
-    times: Array
-    positions: Array
-    orientations: Array
 
 
 def three(values: Array) -> tuple[float, float, float]:
@@ -80,7 +65,7 @@ class UrdfBodies:
         rgba = {
             paint.get("name", ""): text for paint in root.iter("material") if (text := _value(paint, "color", "rgba"))
         }
-        self.bodies: list[Surface | Primitive] = []
+        self.bodies: list[Surface | Body] = []
         self._places: list[tuple[str, Array]] = []  # of each body: its link, and its frame in that of the link
         for link in root.findall("link"):
             for visual in link.findall("visual"):
@@ -143,17 +128,17 @@ def _joint(element: Element) -> Joint:
     )
 
 
-def _body(visual: Element, colour: str, folder: Path) -> Surface | Primitive:
+def _body(visual: Element, colour: str, folder: Path) -> Surface | Body:
     """Return the shape of a visual element."""
     shape = visual.findall("geometry/*")[0]
     match shape.tag:
         case "box":
-            return Primitive("box", three(_numbers(shape.attrib["size"])), colour)
+            return Body("box", three(_numbers(shape.attrib["size"])), colour)
         case "sphere":
-            return Primitive("ball", (2 * float(shape.attrib["radius"]),) * 3, colour)
+            return Body("ball", (2 * float(shape.attrib["radius"]),) * 3, colour)
         case "cylinder":
             width = 2 * float(shape.attrib["radius"])
-            return Primitive("cylinder", (width, width, float(shape.attrib["length"])), colour)
+            return Body("cylinder", (width, width, float(shape.attrib["length"])), colour)
     import trimesh  # imported on use: it takes 0.3 s, and most robots have no meshes
 
     name = shape.attrib["filename"]

@@ -16,8 +16,8 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import JOINT_STATE
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.robot.urdf import located
-from rkhs_ros.rollouts.visualization import ShowsBodies
-from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive, Surface, UrdfBodies, three
+from rkhs_ros.rollouts.visualization import Body, BodyTrajectories, ShowsBodies
+from rkhs_ros.view.bodies import NO_TURN, Surface, UrdfBodies, three
 from rkhs_ros.view.timeline import Timeline
 
 Point = tuple[float, float, float]
@@ -49,12 +49,12 @@ class RobotScene:
         self._points = sensed_points(task)
         self.bounds = self._around(self.motion(observations, actions))
 
-    def bodies(self) -> list[Surface | Primitive]:
+    def bodies(self) -> list[Surface | Body]:
         """Return the bodies of the robot and a ball for each sensed point."""
-        balls = [Primitive("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
+        balls = [Body("ball", (BALL_M,) * 3, shade) for shade, _ in zip(SHADES, self._points, strict=False)]
         return [*self._bodies.bodies, *balls]
 
-    def motion(self, observations: Array, actions: Array) -> Poses:
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
         """Return the poses of the bodies during an episode."""
         count = len(observations)
         frames = np.stack(self._bodies.frames(self._positions(observations, actions), count), axis=1)
@@ -62,7 +62,7 @@ class RobotScene:
         still = np.broadcast_to(NO_TURN, (*points.shape[:2], 4))
         positions = np.concatenate([frames[..., :3, 3], points], axis=1)
         orientations = np.concatenate([SO3.from_matrix(frames[..., :3, :3]).wxyz, still], axis=1)
-        return Poses(self._task.period * np.arange(count, dtype=np.float64), positions, orientations)
+        return BodyTrajectories(self._task.period * np.arange(count, dtype=np.float64), positions, orientations)
 
     def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
         """Return the positions of all sensed or commanded joints, by name, shape (steps,) each."""
@@ -97,7 +97,7 @@ class RobotScene:
             points[..., axis][np.isnan(points[..., axis])] = known.mean() if len(known) else 0.0
         return points
 
-    def _around(self, motion: Poses) -> tuple[Point, Point]:
+    def _around(self, motion: BodyTrajectories) -> tuple[Point, Point]:
         ends = [_ends(body) for body in self.bodies()]
         turned = SO3(motion.orientations).as_matrix()
         corners = [turned[:, i] @ end.T + motion.positions[:, i, :, None] for i, end in enumerate(ends)]
@@ -161,7 +161,7 @@ def sensed_points(task: RobotTask) -> dict[str, dict[int, int]]:
     return points
 
 
-def _ends(body: Surface | Primitive) -> Array:
+def _ends(body: Surface | Body) -> Array:
     """Return two corners of the box around a body, shape (2, 3)."""
     if isinstance(body, Surface):
         return np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])

@@ -169,7 +169,7 @@ def _round(length: float) -> float:
     return float(unit * max(factor for factor in (1, 2, 5) if factor * unit <= length))
 
 
-def _added(scene: SceneApi, name: str, body: Body) -> Any:
+def _added(scene: SceneApi, name: str, body: Body | Surface) -> Any:
     red, green, blue = bytes.fromhex(body.colour.removeprefix("#"))
     colour = red, green, blue
     if body.shape == "ball":

@@ -10,7 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from rkhs_ros.pictures.style import COLOURS, folded
 from rkhs_ros.policies.inputs import Names
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.view.bodies import NO_TURN, Poses, Primitive
+from rkhs_ros.rollouts.visualization import Body, BodyTrajectories
+from rkhs_ros.view.bodies import NO_TURN
 
 MOST_OBSERVED, MOST_DONE = 8, 4  # observations and actions shown
 MOST_BARS = 120  # in a row
@@ -21,7 +22,7 @@ NAME_IN, NAME_SIZE = 1.45, 9  # width of a name in inches, and its size in point
 SCALE_SIZE = 7  # of the numbers beside the bars, in points
 EDGE = 1.1  # distance of each edge of the picture from its middle
 BLUE, ORANGE, *_ = COLOURS
-CURSOR = Primitive("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the current step
+CURSOR = Body("box", (0.012, 0.004, 2 * EDGE * (TOP - BOTTOM)), "#00B85C")  # at the current step
 
 
 class Timeline:
@@ -33,18 +34,18 @@ class Timeline:
     def __init__(self, names: Names) -> None:
         self._names = names
 
-    def bodies(self) -> Sequence[Primitive]:
+    def bodies(self) -> Sequence[Body]:
         """Return the line."""
         return [CURSOR]
 
-    def motion(self, observations: Array, actions: Array) -> Poses:
+    def motion(self, observations: Array, actions: Array) -> BodyTrajectories:
         """Return the poses of the line, in front of the picture, during an episode."""
         count = len(observations)
         part = LEFT + (RIGHT - LEFT) * (np.arange(count) + 0.5) / count
         across, middle = EDGE * (2 * part - 1), EDGE * (BOTTOM + TOP - 1)
         positions = np.stack([across, np.full(count, -0.02), np.full(count, middle)], axis=1)[:, None]
         orientations = np.broadcast_to(NO_TURN, (count, 1, 4))
-        return Poses(STEP_S * np.arange(count, dtype=np.float64), positions, orientations)
+        return BodyTrajectories(STEP_S * np.arange(count, dtype=np.float64), positions, orientations)
 
     def figure(self, observations: Array, actions: Array) -> Figure:
         """Return the figure of an episode: a row of bars for each observation, then for each action."""

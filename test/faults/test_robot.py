@@ -95,7 +95,7 @@ def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path
     assert (code, "Traceback" in err) == (0, False), err
     config = load_config(folder / "config.yaml")
     assert seen.items() <= attempts(folder).items()
-    assert len(recording.finished) == config.training.iterations * config.training.episodes_per_iteration
+    assert len(recording.by_numbers()) == config.training.iterations * config.training.episodes_per_iteration
     *_, last = replay(recording)
     ours, theirs = policy_arrays(last.policy), arrays(folder)
     for name, values in ours.items():
@@ -174,7 +174,7 @@ def test_a_veto_holds_if_the_run_is_interrupted_and_resumed(start: Start, tmp_pa
     assert code == 0, err
     recording = read_recording(folder)
     assert recording.by_numbers()[discarded.batch].attempt != discarded.attempt
-    assert len(recording.finished) == 3
+    assert len(recording.by_numbers()) == 3
     assert len(list(replay(recording))) == 1
     (row,) = Curve(folder / "curve.csv").rows()
     np.testing.assert_allclose(row.exploration_return, np.mean(recording.episodes().returns(0.99)))

@@ -43,7 +43,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
         code, _, err = learner.finish()
     assert code == 0, err
     assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2]
-    assert len(read_recording(folder).finished) == 2
+    assert len(read_recording(folder).by_numbers()) == 2
 
 
 def test_a_run_on_a_simulated_robot_is_resumed_and_its_policy_evaluated(start: Start, tmp_path: Path) -> None:

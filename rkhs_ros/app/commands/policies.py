@@ -147,6 +147,6 @@ def _export_episodes(options: argparse.Namespace) -> int:
     recording = read_recording(options.source)
     head = recording.head
     task = options.task or head.task.environment
-    count, rate = export(recording.finished, task, options.lerobot, options.fps, head.spaces)
+    count, rate = export(list(recording.by_numbers().values()), task, options.lerobot, options.fps, head.spaces)
     print(f"Exported {count} episodes at {rate} steps per second: {options.lerobot}")
     return 0

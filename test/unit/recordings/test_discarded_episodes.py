@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
+from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import decoded
 from rkhs_ros.recordings.recording import Recording, read_recording
 from rkhs_ros.runs.replay import replay
@@ -52,7 +52,7 @@ def ordered(file: Path, order: str) -> Path:
     """Rewrite a recording with its episodes in another order, but each before its update."""
     messages: list[Stored] = []
     for are_episodes, group in groupby(
-        read_messages(file).messages, lambda each: each.kind.endswith("RecordedEpisodes")
+        MessageReader(file).news().messages, lambda each: each.kind.endswith("RecordedEpisodes")
     ):
         some = list(group)
         if are_episodes:
@@ -75,7 +75,9 @@ def test_completed_episodes_do_not_depend_on_the_order_of_messages(whole: Path, 
     for each in (recording, *shuffles(recording)):
         found = each.by_numbers()
         assert all(same_batch(found[key], one) for key, one in expected.by_numbers().items())
-        assert [one.time for one in each.finished] == sorted(one.time for one in each.finished)
+        assert [one.time for one in each.by_numbers().values()] == sorted(
+            one.time for one in each.by_numbers().values()
+        )
         assert all(np.array_equal(getattr(each.episodes(), a), getattr(recording.episodes(), a)) for a in ARRAYS)
 
 
@@ -86,7 +88,7 @@ def test_a_vetoed_episode_without_a_repetition_is_discarded(cut: Path) -> None:
     assert [each.is_discarded for each in recording.batches[-2:]] == [False, True]
     for each in (recording, *shuffles(recording)):
         assert last not in each.by_numbers()
-        assert len(each.finished) == STOPPED_AFTER - 1
+        assert len(each.by_numbers()) == STOPPED_AFTER - 1
         assert each.episodes().rewards.min() >= 0  # rewards of vetoed episodes are negative
 
 

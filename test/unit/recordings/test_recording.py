@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from rkhs_ros.policies.messages import policy_message, policy_of
-from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
+from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
 from rkhs_ros.recordings.recording import read_recording
 from test.unit.conftest import arrays_of, random_policy
@@ -62,7 +62,7 @@ def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         read = [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
         statistics = reader.get_summary().statistics
-    assert statistics.message_count == len(read) == len(read_messages(whole).messages)
+    assert statistics.message_count == len(read) == len(MessageReader(whole).news().messages)
     batches = [message for topic, message in read if topic == "recorded_episodes"]
     assert len(batches) == len(recording.batches) == 8
     for mine, other in zip(recording.batches, batches, strict=True):
@@ -82,13 +82,13 @@ def test_a_truncated_file_is_read_up_to_the_last_complete_record(
     whole: Path, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = whole.read_bytes()
-    everything = read_messages(whole)
+    everything = MessageReader(whole).news()
     assert everything.faults == []
     ends = [content.index(message.content) + len(message.content) for message in everything.messages]
     cut = tmp_path / "cut.mcap"
     for size in sorted(rng.integers(len(b"magic..."), len(content), 50)):
         cut.write_bytes(content[:size])
-        found = read_messages(cut)
+        found = MessageReader(cut).news()
         expected = sum(end <= size for end in ends)
         assert found.messages == everything.messages[:expected]
         assert len(found.faults) == (size < content.index(everything.messages[-1].content) + 1000) or not found.faults
@@ -101,12 +101,12 @@ def test_a_truncated_file_is_read_up_to_the_last_complete_record(
 
 
 def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.random.Generator) -> None:
-    content, everything = bytearray(whole.read_bytes()), read_messages(whole).messages
+    content, everything = bytearray(whole.read_bytes()), MessageReader(whole).news().messages
     damaged, lost = tmp_path / "damaged.mcap", 0
     for at, bit in zip(rng.integers(8, len(content), 200), rng.integers(0, 8, 200), strict=True):
         content[at] ^= 1 << bit
         damaged.write_bytes(content)
-        found = read_messages(damaged)
+        found = MessageReader(damaged).news()
         assert [message for message in found.messages if message not in everything] == []
         assert len(found.messages) == len(everything) or found.faults
         lost += len(found.messages) < len(everything)
@@ -118,7 +118,7 @@ def test_a_file_that_continues_with_a_newer_definition_keeps_the_older_messages(
     (new,) = noted(["new"])
     old = new._replace(definition="uint32 number", content=b"\0\1\0\0\7\0\0\0")
     MessageFile(tmp_path / "a.mcap", [old, new]).close()
-    assert read_messages(tmp_path / "a.mcap").messages == [old, new]
+    assert MessageReader(tmp_path / "a.mcap").news().messages == [old, new]
 
 
 def test_a_full_disk_preserves_earlier_messages(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_a_full_disk_preserves_earlier_messages(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, handler)
     file.close()
-    assert read_messages(path).messages == noted(["a", "b"])
+    assert MessageReader(path).news().messages == noted(["a", "b"])
     assert path.stat().st_size == size
 
 
@@ -172,7 +172,7 @@ def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     recording = read_recording(recorded_run(tmp_path / "run", runner=Robot()))
     discarded = [batch for batch in recording.batches if batch.is_discarded]
     assert {batch.executions[0].discard_reason for batch in discarded} == {"stopped"}
-    assert len(recording.batches) == len(recording.finished) + len(discarded) == 20 + 7
+    assert len(recording.batches) == len(recording.by_numbers().values()) + len(discarded) == 20 + 7
     assert len(recording.episodes()) == 20
     assert recording.episodes().rewards.min() >= 0
     first = recording.batches[0]
@@ -180,15 +180,15 @@ def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     assert first.executions[0].executed.shape == (5, 2)
     assert first.executions[0].flags.tolist() == [0, 1, 2, 3, 4]
     published = [
-        m.published for m in read_messages(tmp_path / "run" / "recording.mcap").messages if "Recorded" in m.kind
+        m.published for m in MessageReader(tmp_path / "run" / "recording.mcap").news().messages if "Recorded" in m.kind
     ]
     assert published[0] == first.executions[0].stamps[-1]
 
 
 def test_what_follows_the_last_update_is_cut_off(whole: Path, tmp_path: Path) -> None:
     file = recorded_run(tmp_path / "run", longer(2))
-    later = [each for each in read_messages(whole).messages if not each.kind.endswith(("/Task", "/Update"))]
-    held = read_messages(file).messages
+    later = [each for each in MessageReader(whole).news().messages if not each.kind.endswith(("/Task", "/Update"))]
+    held = MessageReader(file).news().messages
     MessageFile(file, [*held, *later]).close()
     recorded_run(tmp_path / "run", CONFIG, resume=True)
     assert content(read_recording(file)) == content(read_recording(whole))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rkhs_ros.recordings.container import MessageFile, Stored, read_messages
+from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import decoded, encoded
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.config import Config, load_config
@@ -25,7 +25,7 @@ def config(name: str, *changes: str) -> Config:
 
 def changed(file: Path, kind: str, place: int, change: Callable[[Any], None]) -> Path:
     """Rewrite a recording with a changed message, given by type and index, and a correct checksum."""
-    messages: list[Stored] = read_messages(file).messages
+    messages: list[Stored] = MessageReader(file).news().messages
     places = [i for i, stored in enumerate(messages) if stored.kind.endswith(f"/{kind}")]
     old = messages[places[place]]
     message = decoded(memoryview(bytearray(old.content)), old.kind, old.definition)  # in writable memory
@@ -89,7 +89,7 @@ def test_a_recording_that_lacks_finished_updates_is_reported(
     whole: Path, tmp_path: Path, rkhs: Callable[..., Result]
 ) -> None:
     folder = shutil.copytree(whole.parent, tmp_path / "run")
-    messages: list[Stored] = read_messages(whole).messages
+    messages: list[Stored] = MessageReader(whole).news().messages
     second = [i for i, stored in enumerate(messages) if stored.kind.endswith("/Update")][1]
     MessageFile(folder / whole.name, messages[: second + 1]).close()
     expected = "the first 2 of 4 updates are bit-identical; the recording lacks the others\n"
@@ -144,6 +144,6 @@ def test_replay_reports_equal_and_different_updates(whole: Path, rkhs: Callable[
 
 def test_replay_rejects_recordings_without_updates(whole: Path, tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     assert_refused(rkhs("replay", tmp_path / "none.mcap"), "none.mcap: no such recording")
-    messages = [message for message in read_messages(whole).messages if not message.kind.endswith("/Update")]
+    messages = [message for message in MessageReader(whole).news().messages if not message.kind.endswith("/Update")]
     MessageFile(tmp_path / "a.mcap", messages).close()
     assert_refused(rkhs("replay", tmp_path / "a.mcap"), "expected the recording of a run with updates, got no updates")

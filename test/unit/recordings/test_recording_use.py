@@ -140,7 +140,7 @@ def test_the_lerobot_export_has_the_values_of_the_recording(of_a_robot: Path, rk
     done = rkhs("export", of_a_robot, "--lerobot", "out", "--task", "reach")
     assert done.out == "Exported 20 episodes at 20 steps per second: out\n"
     table = parquet.read_table("out/data/chunk-000/file-000.parquet")
-    frames, finished = table.to_pydict(), read_recording(of_a_robot).finished
+    frames, finished = table.to_pydict(), list(read_recording(of_a_robot).by_numbers().values())
     for column, name in (("observation.state", "observations"), ("action", "actions"), ("next.reward", "rewards")):
         expected = np.concatenate([getattr(each.episodes, name)[0] for each in finished]).astype(np.float32)
         assert np.array_equal(np.array(frames[column], dtype=np.float32).reshape(expected.shape), expected)
@@ -169,7 +169,9 @@ def test_lerobot_reads_the_export(of_a_robot: Path, rkhs: Callable[..., Result])
     assert rkhs("export", of_a_robot, "--lerobot", "out").code == 0
     dataset = datasets.LeRobotDataset("local/out", root=Path("out"))
     assert (dataset.num_episodes, len(dataset)) == (20, 100)
-    assert dataset[7]["next.reward"].item() == np.float32(read_recording(of_a_robot).finished[1].episodes.rewards[0, 2])
+    assert dataset[7]["next.reward"].item() == np.float32(
+        read_recording(of_a_robot).by_numbers().values()[1].episodes.rewards[0, 2]
+    )
 
 
 def test_a_simulation_or_a_fractional_rate_requires_fps(whole: Path, rkhs: Callable[..., Result]) -> None:

@@ -18,7 +18,7 @@ from rkhs_ros.pictures.known import names_of, scene_of
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy
-from rkhs_ros.recordings.container import MessageReader, read_messages
+from rkhs_ros.recordings.container import MessageReader
 from rkhs_ros.recordings.recording import FILE, read_recording
 from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.runs.config import load_config
@@ -75,7 +75,7 @@ def test_a_growing_recording_is_read_message_by_message(folder: Path, tmp_path: 
         with file.open("r+b") as growing:
             growing.write(whole[:end])
         found += reader.news().messages
-    assert found == read_messages(folder / FILE).messages
+    assert found == MessageReader(folder / FILE).news().messages
     assert reader.news().faults == []
 
 
