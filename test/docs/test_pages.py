@@ -92,32 +92,6 @@ def test_a_block_that_fails_fails_the_page(tmp_path: Path) -> None:
         assert run_page(page, folder).returncode != 0
 
 
-def test_blocks_run_in_order_and_share_names(tmp_path: Path) -> None:
-    page, folder = tmp_path / "page.md", tmp_path / "folder"
-    folder.mkdir()
-    page.write_text(
-        "<!-- file: a.py -->\n```python\nx = 2\n```\n\n```python\nfrom a import x\n```\n\n"
-        "<!-- not run: it would fail -->\n```bash\nfalse\n```\n\n- in a list\n\n  ```python\n  y = x + 1\n  ```\n\n"
-        "```bash\necho 3 > b\n```\n\n```python\nassert y == int(open('b').read())\n```\n"
-    )
-    result = run_page(page, folder)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.count("page.md") == 5
-
-
-def test_a_block_that_changes_a_package_changes_a_copy(tmp_path: Path) -> None:
-    page, folder = tmp_path / "page.md", tmp_path / "folder"
-    folder.mkdir()
-    page.write_text(
-        '<!-- in rkhs_ros/__init__.py for: __version__ -->\n```python\n__version__ = "ours"\n```\n\n'
-        '```python\nimport rkhs_ros\nassert rkhs_ros.__version__ == "ours"\n```\n'
-    )
-    before = (ROOT / "rkhs_ros" / "__init__.py").read_text()
-    result = run_page(page, folder)
-    assert result.returncode == 0, result.stderr
-    assert (ROOT / "rkhs_ros" / "__init__.py").read_text() == before
-
-
 def test_a_block_that_is_not_run_states_why() -> None:
     def bad(block: Block) -> bool:
         return block.language in RUN and block.comment.startswith("<!-- not") and not NOT_RUN.fullmatch(block.comment)

@@ -184,3 +184,22 @@ def test_evaluate_measures_with_and_without_discount(rkhs: Run, policy_file: Pat
         assert measured["mean"] == pytest.approx(returns.mean(), rel=1e-12)
         assert measured["sd"] == pytest.approx(returns.std(), rel=1e-9)
         assert measured["interval_95"] == pytest.approx([returns.mean() - half, returns.mean() + half], rel=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [("train --se", {"--seed", "--seeds", "--set"}), ("train mi", {"mine.yaml "}), ("publ", {""})],
+)
+def test_argcomplete_completes_commands_options_choices_and_files(
+    words: str, expected: set[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("argcomplete")
+    (tmp_path / "mine.yaml").touch()
+    line = f"rkhs {words}"
+    asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_STDOUT_FILENAME": "completions"}
+    place = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
+    command = [sys.executable, "-m", "rkhs_ros.app.cli"]
+    ended = subprocess.run(command, cwd=tmp_path, env={**os.environ, **asked, **place}, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
+    assert set((tmp_path / "completions").read_text().split("\n")) == expected

@@ -14,11 +14,7 @@ from rkhs_ros.app.cli import main
 from rkhs_ros.app.learn_settings import LearnSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.rollouts.inline_runner import InlineRunner
-from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, columns
-from rkhs_ros.runs.run import run_training
 
 SHORT: dict[str, Any] = {
     "iterations": 2,
@@ -43,26 +39,6 @@ def test_public_names_exist_and_match_those_for_type_checkers() -> None:
 def test_the_package_imports_lazily() -> None:
     code = f"import sys; sys.path[:] = {sys.path!r}; import rkhs_ros; print('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
-
-
-SETTINGS = ("exploration_sd", "discount", "episodes_per_iteration", "kernel", "model")
-
-
-def test_a_result_equals_that_of_a_configuration_file(tmp_path: Path) -> None:
-    config = load_config(ROOT / "config" / "toy_nac.yaml", ["iterations=3", "seed=5"])
-    folder = run_training(config, InlineRunner(Simulation("rkhs/Toy-v0")), tmp_path / "run", quiet=True)
-    training = config.training
-    settings = {name: getattr(training, name) for name in SETTINGS}
-    result = rkhs_ros.train(
-        "rkhs/Toy-v0", training.algorithm, iterations=3, seed=5, horizon=training.horizon, progress=False, **settings
-    )
-    rows = Curve(folder / "curve.csv").rows()
-    for name in ("episodes", "exploration_return", "evaluation_return", "kl", "centres"):
-        assert result.curve[name].tolist() == [getattr(row, name) for row in rows]
-    x = np.linspace(-3, 3, 20)[:, None]
-    assert rkhs_ros.load(folder / "policy.npz")(x).tobytes() == result.policy(x).tobytes()
-    assert result.best_policy is not None
-    assert rkhs_ros.load(folder / "best_policy.npz")(x).tobytes() == result.best_policy(x).tobytes()
 
 
 def test_learn_yields_results_and_can_be_stopped() -> None:

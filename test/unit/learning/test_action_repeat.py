@@ -1,9 +1,7 @@
 """Policies that hold actions: decisions, acting, the choice of the action repeat, and training."""
 
 from dataclasses import replace
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,39 +104,6 @@ def test_the_clipped_mean_replaces_actions_that_differ() -> None:
     assert episodes.decisions(2, 1.0, spaces).actions.ravel().tolist() == [0.75, 0.0, 4.0]  # held ones stay unclipped
 
 
-class Repeat(gym.Wrapper[Any, Any, Any, Any]):
-    """Repeat each action, and return the discounted sum of the rewards."""
-
-    def __init__(self, env: Any, repeat: int, discount: float) -> None:
-        super().__init__(env)
-        self.repeat, self.discount = repeat, discount
-
-    def step(self, action: Any) -> Any:
-        total = 0.0
-        for i in range(self.repeat):
-            observation, reward, terminated, truncated, info = self.env.step(action)
-            total += self.discount**i * float(reward)
-            if terminated or truncated:
-                break
-        return observation, total, terminated, truncated, info
-
-
-def test_decisions_equal_a_wrapper_that_repeats_actions() -> None:
-    repeat, discount, horizon = 3, 0.9, 12
-    policy = replace(first_policy(model_free(), pendulum().spaces), action_repeat=repeat)
-    batch = Batch(5, 0, 1, horizon, explore=True)
-    steps = pendulum().collect(policy, batch)
-    decisions = steps.decisions(repeat, discount, pendulum().spaces)
-    env = Repeat(gym.make("rkhs/Pendulum-v0"), repeat, discount)
-    observation, _ = env.reset(seed=batch.environment_seeds()[0])
-    for k in range(horizon // repeat):
-        np.testing.assert_allclose(decisions.observations[0, k], observation, rtol=1e-6)
-        action = pendulum().spaces.clip(decisions.actions[0, k]).astype(env.action_space.dtype)
-        observation, reward, *_ = env.step(action)
-        np.testing.assert_allclose(decisions.rewards[0, k], reward, rtol=1e-5)
-    np.testing.assert_allclose(decisions.final_observations[0], observation, rtol=1e-6)
-
-
 def test_an_acting_policy_holds_its_actions_and_decides_from_decisions() -> None:
     policy, batch = make_policy(3, history=2), Batch(1, 0, 2, 10, explore=True)
     episodes = run(policy, batch)
@@ -146,18 +111,14 @@ def test_an_acting_policy_holds_its_actions_and_decides_from_decisions() -> None
     assert np.array_equal(np.repeat(first, 3, axis=1)[:, :10], episodes.actions)
     assert (first[:, 1:] != first[:, :-1]).all()
     alone = run(replace(policy, action_repeat=1), replace(batch, horizon=4))
-    assert np.array_equal(policy.exploration(batch), alone_exploration(policy, batch))
+    draws = replace(policy, action_repeat=1).exploration(replace(batch, horizon=policy.decisions(batch.horizon)))
+    assert np.array_equal(policy.exploration(batch), draws)
     assert alone.actions.shape == first.shape
     check_actions(episodes, policy, batch)
     wrong = episodes.actions.copy()
     wrong[1, 4] += 1.0  # within a decision
     with pytest.raises(ValueError, match=r"environment 1 .* step 4"):
         check_actions(replace(episodes, actions=wrong), policy, batch)
-
-
-def alone_exploration(policy: GaussianPolicy, batch: Batch) -> Array:
-    """Return the draws of a policy with one step per decision, for as many steps as there are decisions."""
-    return replace(policy, action_repeat=1).exploration(replace(batch, horizon=policy.decisions(batch.horizon)))
 
 
 def waves(frequency: float, horizon: int = 3000) -> Array:

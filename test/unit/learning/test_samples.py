@@ -1,26 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.regression import ridge_regression
 from test.unit.conftest import inner, random_episodes, random_policy
-
-
-@given(n=st.integers(1, 30), p=st.integers(1, 8), k=st.integers(1, 3), weighted=st.booleans(), seed=st.integers(0, 999))
-def test_ridge_regression_is_least_squares_on_the_augmented_system(
-    n: int, p: int, k: int, weighted: bool, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    features, targets = rng.normal(size=(n, p)), rng.normal(size=(n, k))
-    penalty, weights = 10 ** rng.uniform(-3, 1, p), rng.uniform(0, 3, n) if weighted else None
-    roots = np.sqrt(np.ones(n) if weights is None else weights)[:, None] / np.sqrt(n)
-    design = np.concatenate([roots * features, np.diag(np.sqrt(penalty))])
-    expected = np.linalg.lstsq(design, np.concatenate([roots * targets, np.zeros((p, k))]))[0]
-    np.testing.assert_allclose(ridge_regression(features, targets, penalty, weights), expected, rtol=1e-6, atol=1e-9)
 
 
 @pytest.fixture

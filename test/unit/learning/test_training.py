@@ -138,20 +138,6 @@ def test_the_median_bandwidth_of_the_first_iteration_does_not_change() -> None:
     assert {i.policy.mean.kernel for i in iterations} == {expected}
 
 
-@pytest.mark.parametrize("done", [1, 2])
-def test_a_run_resumes_from_any_state_bit_identically(done: int) -> None:
-    runner = Watching()
-    whole = list(train(SHORT, runner))
-    asked = len(runner.batches)
-    rest = list(train(SHORT, runner, whole[done - 1].state))
-    assert [i.number for i in rest] == list(range(done + 1, 4))
-    assert runner.batches[asked:] == runner.batches[2 * done : asked]
-    for one, other in zip(whole[done:], rest, strict=True):
-        a, b = arrays_of(one), arrays_of(other)
-        assert a.keys() == b.keys()
-        assert all(a[name].tobytes() == b[name].tobytes() for name in a)
-
-
 @pytest.mark.filterwarnings("error")
 def test_training_works_with_one_episode_of_one_step() -> None:
     tiny = model_free(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, horizon=1)

@@ -8,10 +8,16 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.messages import policy_message, policy_of
+from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
+from rkhs_ros.recordings.recorder import Recorder
 from rkhs_ros.recordings.recording import read_recording
+from rkhs_ros.runs.offline import all_episodes
+from rkhs_ros.runs.recorded import RecordingRunner
+from rkhs_ros.runs.replay import RecordedRunner
 from test.unit.conftest import arrays_of, random_policy
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
@@ -213,3 +219,39 @@ def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
     MessageFile(tmp_path / "b.mcap", noted(["a"])).close()
     with pytest.raises(ValueError, match=r"b\.mcap: expected a recording of a run"):
         read_recording(tmp_path / "b.mcap")
+
+
+EPISODES = 120
+
+
+MOST_COPIES = 6  # of an episode; repeated addition would copy each one EPISODES / 2 times on average
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config = longer(1, episodes_per_iteration=EPISODES, evaluate_every=0)
+    return recorded_run(tmp_path_factory.mktemp("many") / "run", config, Robot(discard_every=10**6))
+
+
+@pytest.mark.parametrize("user", ["recording", "offline", "resume", "replay", "rollout", "view"])
+def test_joining_is_linear(file: Path, user: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = read_recording(file)
+    policy, robot = recording.policies[1], Robot(discard_every=10**6)
+    recorder = Recorder(None, recording)  # type: ignore[arg-type] # nothing is written
+    batch = Batch(0, 0, EPISODES, 5, explore=True)
+
+    users = {
+        "recording": recording.episodes,
+        "offline": lambda: all_episodes({"a": recording}),
+        "resume": lambda: RecordingRunner(robot, recorder, file, recording.by_numbers()).collect(policy, batch),
+        "replay": lambda: RecordedRunner(recording, robot.spaces).collect(policy, batch),
+        "rollout": lambda: robot.runner.collect(policy, batch),
+        "view": lambda: recording.exploration(1),
+    }
+    sizes: list[int] = []
+    made = Episodes.__post_init__
+    monkeypatch.setattr(Episodes, "__post_init__", lambda episodes: (sizes.append(len(episodes)), made(episodes))[1])
+    found = users[user]()
+    assert found is not None
+    assert len(found) == EPISODES
+    assert EPISODES <= sum(sizes) <= MOST_COPIES * EPISODES

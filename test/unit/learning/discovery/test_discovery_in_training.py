@@ -10,7 +10,6 @@ import pytest
 
 import rkhs_ros
 from rkhs_ros.learning.iteration import Iteration
-from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import Training, training_from
@@ -54,22 +53,17 @@ def test_the_wrapped_angle_of_the_pendulum_becomes_an_input(discovery: str) -> N
         assert iteration.policy.mean.input_dim == (2 if discovery == "none" else 3)
 
 
-def test_monomials_keep_the_inputs() -> None:
-    training = replace(training_with(), kernel=KernelChoice(form="monomials", degree=2))
-    assert learn(training)[-1].policy.inputs == Inputs(degree=2)
-
-
-def test_the_centres_of_a_grid_keep_the_inputs() -> None:
-    grid = {"name": "enac", "grid": [-4.0, 4.0, 3, -9.0, 9.0, 4]}
-    for iteration in learn(training_from({**TREE, "algorithm": grid, "iterations": 2})):
-        assert iteration.policy.inputs == Inputs()
-        assert len(iteration.policy.mean.centres) == 12
-
-
-def test_a_bandwidth_per_input_keeps_the_inputs() -> None:
-    for bandwidth, found in (([1.0, 4.0], Inputs()), ([2.0], Inputs(**ANGLE))):
-        kernel = {"bandwidth": bandwidth}
-        assert learn(training_from({**TREE, "kernel": kernel, "iterations": 2}))[-1].policy.inputs == found
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"kernel": {"form": "monomials", "degree": 2}}, Inputs(degree=2)),
+        ({"algorithm": {"name": "enac", "grid": [-4.0, 4.0, 3, -9.0, 9.0, 4]}}, Inputs()),
+        ({"kernel": {"bandwidth": [1.0, 4.0]}}, Inputs()),
+        ({"kernel": {"bandwidth": [2.0]}}, Inputs(**ANGLE)),
+    ],
+)
+def test_monomials_grids_and_bandwidths_per_input_keep_the_inputs(changes: dict[str, Any], expected: Inputs) -> None:
+    assert learn(training_from({**TREE, "iterations": 2, **changes}))[-1].policy.inputs == expected
 
 
 def test_a_given_kernel_keeps_the_inputs() -> None:
