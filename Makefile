@@ -74,7 +74,7 @@ test-nightly: test test-ci .venv-noble/.installed .venv-extras/.installed ## all
 	@$(ENTER) $(PYTEST) -rs -m browser test/view
 	@PYTHONPATH=$(CURDIR) .venv-noble/bin/python -m pytest -n auto -m "not slow and not nightly" test/unit
 	@$(ENTER) PYTHONPATH=$(CURDIR)/.venv-extras:$$PYTHONPATH python -m pytest -rsP \
-	  test/faults/test_other_learners.py test/unit/runs/test_tensorboard.py
+	  test/faults/test_other_learners.py test/unit/runs/test_resume.py
 
 .venv-noble/.installed: requirements/noble.txt
 	@$(or $(shell command -v python3.12),python3.11) -m venv --prompt noble .venv-noble

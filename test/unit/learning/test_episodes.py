@@ -139,14 +139,14 @@ def test_episodes_are_concatenated_in_order() -> None:
 TWO_STEPS = Execution(np.arange(3), np.zeros((2, 1)), np.zeros(2, dtype=np.uint32))
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_there_is_one_more_stamp_than_steps(count: int) -> None:
-    message = f"execution's stamps: expected 3, one more than steps, got {count}"
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stamps": np.arange(2)}, "execution's stamps: expected 3, one more than steps, got 2"),
+        ({"stamps": np.arange(4)}, "execution's stamps: expected 3, one more than steps, got 4"),
+        ({"executed": np.zeros((1, 1))}, "executed commands: expected 2, one per step, got 1"),
+    ],
+)
+def test_an_execution_has_one_more_stamp_than_steps_and_commands(changes: dict[str, np.ndarray], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        replace(TWO_STEPS, stamps=np.arange(count))
-
-
-@pytest.mark.parametrize("count", [1])
-def test_there_is_one_executed_command_per_step(count: int) -> None:
-    with pytest.raises(ValueError, match=f"executed commands: expected 2, one per step, got {count}"):
-        replace(TWO_STEPS, executed=np.zeros((count, 1)))
+        replace(TWO_STEPS, **changes)

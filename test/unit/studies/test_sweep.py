@@ -1,6 +1,8 @@
 import csv
+import os
 import shutil
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.grid import outcome, parse_variations, points
+from rkhs_ros.studies.workers import WorkerLostError, run_parallel
 from test.unit.conftest import Result, assert_refused
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
@@ -128,3 +131,28 @@ def test_invalid_options_are_rejected_once_and_nothing_starts(
 ) -> None:
     assert_refused(rkhs("sweep", CONFIG, *arguments), message)
     assert list(tmp_path.iterdir()) == []
+
+
+def doubled(number: int) -> int:
+    return 2 * number
+
+
+def ended_by_signal(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def results(jobs: int) -> Iterator[int]:
+    call = doubled if jobs == 1 else ended_by_signal
+    return run_parallel(call, [(number,) for number in range(4)], jobs=jobs, title="calls", quiet=True)
+
+
+def test_a_single_process_executes_calls_in_sequence() -> None:
+    assert list(results(1)) == [0, 2, 4, 6]
+
+
+@pytest.mark.slow
+def test_killed_processes_are_reported() -> None:
+    with pytest.raises(WorkerLostError, match="run the same command to continue"):
+        list(results(2))
