@@ -233,9 +233,6 @@ def test_rkhs_power_solves_the_toy_task() -> None:
     assert last.evaluation_returns.mean() > 14.0
 
 
-ROOT = Path(__file__).parents[3]
-
-
 KEPT = Path(__file__).with_name("pendulum_nac_seed_0.csv")
 
 
@@ -244,7 +241,7 @@ SOME, DIGITS = 5, 1e-6
 
 
 def test_the_pendulum_curve_agrees_with_the_reference() -> None:
-    config = load_config(ROOT / "config" / "pendulum_nac.yaml", ["seed=0"])
+    config = load_config(CONFIG / "pendulum_nac.yaml", ["seed=0"])
     runner = InlineRunner(Simulation(config.environment.id, config.environment.options))
     got = columns([iteration.row(0.0) for iteration in train(config.training, runner)])
     with KEPT.open(newline="") as file:

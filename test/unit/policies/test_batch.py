@@ -122,3 +122,23 @@ def test_the_noise_of_an_episode_does_not_depend_on_other_episodes(rng: np.rando
     for parts in (2, 3, 7):
         apart = np.concatenate([policy.exploration(batch) for batch in BATCH.split(parts)])
         assert apart.tobytes() == together.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": -1}, "seed: expected"),
+        ({"first_episode": 2**63}, "first_episode: expected"),
+        ({"num_envs": 0}, "num_envs: expected 1 to 10000 episodes"),
+        ({"num_envs": 10_001}, "num_envs: expected 1 to 10000 episodes"),
+        ({"horizon": 0}, "horizon: expected 1 to 1000000 steps"),
+        ({"num_envs": 10_000, "horizon": 1_001}, "expected at most 10000000 samples, got 10010000"),
+        ({"num_evaluation": 4}, "num_evaluation: expected at most 3 episodes"),
+        ({"first_evaluation": 1}, "first_evaluation: expected 0 to 0, got 1"),
+    ],
+)
+def test_batches_that_a_message_may_not_request_are_rejected(changes: dict[str, int], message: str) -> None:
+    largest = Batch(2**64 - 1, 2**63 - 1, 10_000, 1_000, explore=False)
+    assert len(largest.keys) == largest.num_envs
+    with pytest.raises(ValueError, match=message):
+        replace(Batch(0, 0, 4, 3, explore=True), **changes)

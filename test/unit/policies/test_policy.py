@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,3 +91,18 @@ def test_actions_are_clipped_to_their_bounds_and_infinite_ranges_have_half_range
     assert SPACES.clip(far).tolist() == [[-1.0, 0.0, 2.0, -9.0], [3.0, 9.0, 2.0, 9.0], [1.0, 1.0, 2.0, 1.0]]
     assert SPACES.half_ranges.tolist() == [2.0, 1.0, 1.0, 1.0]
     assert SPACES.middle == (1.0, 0.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"observation_shape": (-1,)}, "observation_shape: expected whole numbers >= 0"),
+        ({"action_low": np.zeros(2, int)}, "action_low: expected real numbers"),
+        ({"action_high": np.ones(3)}, "action_high: expected the shape and type of action_low"),
+        ({"action_low": np.array([0.0, 1.5])}, "action_low: expected at most action_high"),
+        ({"action_names": ("one",)}, "action_names: expected 2 names or none, got one"),
+    ],
+)
+def test_invalid_spaces_are_rejected(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(Spaces((1,), np.zeros(2), np.ones(2)), **changes)

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -42,10 +44,21 @@ def test_the_variance_is_within_its_bounds_everywhere(
     assert np.all((there >= variance.minimum) & (there <= variance.maximum))  # false for nan
 
 
-def test_kernels_with_negative_values_are_rejected() -> None:
-    for kernel in (Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(1.0, 1)):
-        with pytest.raises(ValueError, match="variance kernel: expected one without negative values"):
-            KernelVariance(**{**GOOD, "kernel": kernel})
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kernel": Polynomial(1.0, 3)}, "variance kernel: expected one without negative values"),
+        ({"kernel": RBF((1.0,)) + Polynomial(1.0, 1)}, "variance kernel: expected one without negative values"),
+        ({"centres": np.empty((0, 1)), "mass": np.empty(0), "values": np.empty((0, 1))}, "expected at least one"),
+        ({"mass": np.array([1.0, 0.0])}, "variance mass: expected"),
+        ({"values": np.array([[1.0], [-1.0]])}, "variance values: expected numbers >= 0"),
+        ({"minimum": np.array([0.0])}, "minimum: expected"),
+        ({"maximum": np.array([0.4])}, "maximum: expected|minimum: expected"),
+    ],
+)
+def test_invalid_variances_are_rejected(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        KernelVariance(**GOOD | changes)
 
 
 def test_between_centres_the_variance_is_their_weighted_mean() -> None:

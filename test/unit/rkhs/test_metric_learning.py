@@ -88,3 +88,12 @@ def test_axes_that_lower_the_evidence_are_rejected(seed: int) -> None:
     coordinates, fit = fit_metric(plain, x, y, roots, 40)
     assert coordinates == plain
     assert fit.evidence == best_fit(plain.of(x), y, roots, 40).evidence
+
+
+def test_a_metric_that_some_points_choose_is_fitted_to_all(
+    rng: np.random.Generator, direction: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metric_learning, "MOST_FITTED", 60)
+    x, roots = rng.normal(size=(N, D)), np.ones((N, 1))
+    coordinates, fit = fit_metric(Coordinates(Standardizer.of(x)), x, along(x, direction), roots, 40)
+    assert fit.evidence == best_fit(coordinates.of(x), along(x, direction), roots, 40).evidence
