@@ -33,29 +33,17 @@ TOO_FAST = 0.6  # change per decision above which the policy hardly reacts, in s
 
 @dataclass(frozen=True)
 class TaskCheck:
-    """What exploring episodes reveal about a task.
+    """What exploring episodes reveal about a task."""
 
-    Attributes:
-        episodes: the episodes, with raw observations.
-        spaces: spaces of the task.
-        action_repeat: the number that ``action_repeat=auto`` chooses.
-        change_per_step: change of the observation per step, in standard deviations.
-        change_per_decision: the same per decision with this action repeat.
-        longest_repeat: longest action repeat that could have been chosen.
-        inputs: inputs with the angles and the history that the data reveal.
-        inputs_may_change: whether inputs were searched; False if other settings depend on the inputs.
-        decisions: number of decisions with this action repeat.
-    """
-
-    episodes: Episodes
+    episodes: Episodes  # with raw observations
     spaces: Spaces
-    action_repeat: int
-    change_per_step: float
-    change_per_decision: float
-    longest_repeat: int
-    inputs: Inputs
-    inputs_may_change: bool
-    decisions: int
+    action_repeat: int  # that ``action_repeat=auto`` chooses
+    change_per_step: float  # of the observation, in standard deviations
+    change_per_decision: float  # with this action repeat
+    longest_repeat: int  # that could have been chosen
+    inputs: Inputs  # with the angles and the history that the data reveal
+    inputs_may_change: bool  # False if other settings depend on the inputs, which are then not searched
+    decisions: int  # with this action repeat
 
     @classmethod
     def of(cls, episodes: Episodes, training: Training, spaces: Spaces) -> TaskCheck:

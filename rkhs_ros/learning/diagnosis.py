@@ -142,11 +142,7 @@ SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
 
 
 def advice_on(recent: Sequence[Summary]) -> list[Advice]:
-    """Return the advice for all signs, the most important first.
-
-    Args:
-        recent: the iterations so far, at least one.
-    """
+    """Return the advice for all signs of the iterations so far, at least one, the most important first."""
     return [advice for is_sign, advice in SIGNS if is_sign(recent)]
 
 

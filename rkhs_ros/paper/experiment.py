@@ -12,17 +12,11 @@ from rkhs_ros.runs.config import Config, load_config
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a figure: runs with equal settings.
-
-    Attributes:
-        label: name of the curve in the figure.
-        config: configuration file.
-        changes: settings that replace the file's, such as ``algorithm.ridge=0.1``; ``{run}`` is the number of the run.
-    """
+    """A curve of a figure: runs with equal settings."""
 
     label: str
-    config: Path
-    changes: tuple[str, ...]
+    config: Path  # file
+    changes: tuple[str, ...]  # of the file, such as ``algorithm.ridge=0.1``; ``{run}`` is the number of the run
 
     def run(self, number: int) -> Config:
         """Return the configuration of a run, whose number is also its seed."""
@@ -32,21 +26,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment, shown in one figure.
+    """An experiment, shown in one figure."""
 
-    Attributes:
-        name: name of its file.
-        title: title of the figure.
-        runs: number of independent runs of each curve.
-        band: band around the mean: its 95 % "confidence" interval, or the "sd" of the runs.
-        panels: the curves of each plot by its title, from left to right.
-    """
-
-    name: str
+    name: str  # of its file
     title: str
-    runs: int
-    band: str
-    panels: Mapping[str, tuple[Curve, ...]]
+    runs: int  # independent ones of each curve
+    band: str  # around the mean: its 95 % "confidence" interval, or the "sd" of the runs
+    panels: Mapping[str, tuple[Curve, ...]]  # curves of each plot by its title, from left to right
 
 
 def folder() -> Path:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from viser.transforms import SE3, SO3
 
 from rkhs_ros.base.validation import require
+from rkhs_ros.pictures.known import Body
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.urdf import PACKAGE, located, read_urdf
-from rkhs_ros.rollouts.visualization import Body
 
 NO_TURN = (1.0, 0.0, 0.0, 0.0)  # unit quaternion w, x, y, z
 GREY = "#B4B6BA"  # of bodies without a colour

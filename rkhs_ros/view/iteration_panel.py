@@ -10,10 +10,10 @@ from viser import ViserServer
 
 from rkhs_ros.base.endings import error_message
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.pictures.known import BodyTrajectories
 from rkhs_ros.pictures.policy_axes import PolicyAxes
 from rkhs_ros.pictures.policy_figure import draw_attempts, draw_policy
 from rkhs_ros.pictures.style import legend_above, pixels, sheet
-from rkhs_ros.rollouts.visualization import BodyTrajectories
 from rkhs_ros.view.recorded import MODEL_ROLLOUTS, IterationView, Recorded
 from rkhs_ros.view.scenes import appearance_of
 from rkhs_ros.view.stage import SIZE, Stage
@@ -29,11 +29,7 @@ EXPLORATION, EVALUATION, MODEL = "exploration", "evaluation", "model rollout"
 class IterationPanel:
     """The selected episode and policy, with the controls that select them.
 
-    Owns these controls, the stage, and the current selection.
-
-    Attributes:
-        episode: the selected episode, alone; None at first.
-        text: description of the current step.
+    Owns these controls, the stage, and the current selection: the episode, alone, and the description of its step.
     """
 
     def __init__(self, server: ViserServer, source: Recorded) -> None:

@@ -96,16 +96,8 @@ class Page:
     """The page of a run.
 
     Owns its controls and their last state. `refresh` reads the run, `listen` the reports of its nodes, and `tick` the
-    controls.
-
-    Attributes:
-        nodes: reports of the nodes.
-
-    Args:
-        server: server of the page.
-        source: run to show.
-        open_reports: starts to listen to the run's nodes; returns None if there are none.
-        others: other runs by name, whose evaluation returns are drawn beside those of the run.
+    controls. ``open_reports`` starts to listen to the run's nodes; it returns None if there are none. The evaluation
+    returns of the other runs are drawn, by name, beside those of the run.
     """
 
     def __init__(

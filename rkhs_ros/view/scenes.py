@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from viser.transforms import SO3
 
-from rkhs_ros.pictures.known import names_of, scene_of
+from rkhs_ros.pictures.known import Body, BodyTrajectories, ShowsBodies, names_of, scene_of
 from rkhs_ros.pictures.style import COLOURS
 from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
@@ -16,7 +16,6 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import JOINT_STATE
 from rkhs_ros.robot.task import RobotTask, robot_task_from
 from rkhs_ros.robot.urdf import located
-from rkhs_ros.rollouts.visualization import Body, BodyTrajectories, ShowsBodies
 from rkhs_ros.view.bodies import NO_TURN, Surface, UrdfBodies, three
 from rkhs_ros.view.timeline import Timeline
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from viser import SceneApi, ViserServer
 from viser.transforms import SO3
 
+from rkhs_ros.pictures.known import Body, BodyTrajectories, ShowsBodies
 from rkhs_ros.pictures.style import pixels
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rollouts.visualization import Body, BodyTrajectories, ShowsBodies
 from rkhs_ros.view.bodies import Surface
 
 SIZE, DPI = (4.2, 4.9), 180  # of the policy plot, in inches

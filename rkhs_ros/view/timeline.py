@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from rkhs_ros.pictures.known import Body, BodyTrajectories
 from rkhs_ros.pictures.style import COLOURS, folded
 from rkhs_ros.policies.inputs import Names
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rollouts.visualization import Body, BodyTrajectories
 from rkhs_ros.view.bodies import NO_TURN
 
 MOST_OBSERVED, MOST_DONE = 8, 4  # observations and actions shown

@@ -123,12 +123,8 @@ class Peers:
 class ClientNode(ReportingNode):
     """A node that calls others, with a ROS context of its own, so that its process may have other nodes.
 
-    Args:
-        name: of the node.
-        timeout: seconds after which a silent node is an error.
-        namespace: of the node; raises ValueError if it is invalid.
-        domain: ROS domain; None for ROS_DOMAIN_ID.
-        report: returns further values to report.
+    A node that is silent for ``timeout`` seconds is an error. ``report`` returns further values to report. Without a
+    domain, it is that of ROS_DOMAIN_ID. Raises ValueError for an invalid namespace.
     """
 
     def __init__(

@@ -14,13 +14,12 @@ import pytest
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import locked
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.pictures.known import names_of, scene_of
+from rkhs_ros.pictures.known import ShowsBodies, names_of, scene_of
 from rkhs_ros.pictures.run_pictures import curve_figure
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import Task, load_policy
 from rkhs_ros.recordings.container import MessageReader
 from rkhs_ros.recordings.recording import FILE, read_recording
-from rkhs_ros.rollouts.visualization import ShowsBodies
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve, columns
 from rkhs_ros.runs.run import run_training
