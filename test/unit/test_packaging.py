@@ -60,19 +60,8 @@ def test_pip_installs_the_library_and_the_command_without_ros(tmp_path: Path) ->
     assert made.returncode == 0, made.stderr
     python, rkhs = tmp_path / "venv/bin/python", tmp_path / "venv/bin/rkhs"
     source = tmp_path / "source"
-    ours = (
-        "rkhs_ros",
-        "rkhs_interfaces",
-        "sim_nodes",
-        "config",
-        "launch",
-        "resource",
-        "requirements",
-        "pyproject.toml",
-        "setup.py",
-        "setup.cfg",
-        "package.xml",
-    )
+    folders, files = "rkhs_ros rkhs_interfaces sim_nodes config launch resource requirements", "setup.py setup.cfg"
+    ours = f"{folders} {files} pyproject.toml package.xml".split()
     source.mkdir()
     subprocess.run(["cp", "-r", *(ROOT / name for name in ours), source], check=True)
     installed = run(python, "-m", "pip", "install", "-q", source, cwd=tmp_path)

@@ -42,16 +42,8 @@ def test_offline_training_solves_the_pendulum_from_ten_exploration_episodes(
     recorded_run(tmp_path / f"explored{seed}", exploring(10, f"seed={seed}"))
     assert len(read_recording(tmp_path / f"explored{seed}").episodes()) == 10
     out = tmp_path / f"learnt{seed}"
-    learnt = rkhs(
-        "offline",
-        f"explored{seed}",
-        ROOT / "config/pendulum_wrap_model_nac.yaml",
-        "--seed",
-        seed,
-        "--out",
-        out,
-        "--quiet",
-    )
+    config = ROOT / "config/pendulum_wrap_model_nac.yaml"
+    learnt = rkhs("offline", f"explored{seed}", config, "--seed", seed, "--out", out, "--quiet")
     assert learnt.code == 0, learnt.err
     assert "from 10 recorded episodes, without running new ones" in learnt.out
     assert json.loads(rkhs("evaluate", out).out)["mean"] > 45  # of 51.8

@@ -19,21 +19,11 @@ from test.unit.conftest import arrays_of, model_free
 
 TRAINING = model_free(name="short", iterations=2, episodes_per_iteration=3, evaluation_episodes=2, horizon=8)
 CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
-COLUMNS = [
-    *(
-        "iteration",
-        "episodes",
-        "steps",
-        "evaluation_episodes",
-        "exploration_return",
-        "exploration_return_sd",
-        "evaluation_return",
-        "evaluation_return_sd",
-        "undiscounted_exploration_return",
-        "undiscounted_evaluation_return",
-    ),
-    *("centres", "step_size", "kl", "sparsification_error", "model_return", "model_error", "seconds"),
-]
+COLUMNS = (
+    "iteration episodes steps evaluation_episodes exploration_return exploration_return_sd evaluation_return "
+    "evaluation_return_sd undiscounted_exploration_return undiscounted_evaluation_return centres step_size kl "
+    "sparsification_error model_return model_error seconds"
+)
 
 
 @pytest.fixture
@@ -57,7 +47,7 @@ def test_a_run_writes_its_curve_and_policy(tmp_path: Path, runner: InlineRunner)
     assert load_config(folder / "config.yaml") == CONFIG
 
     iterations, rows = list(train(TRAINING, runner)), rows_of(folder)
-    assert list(rows[0]) == COLUMNS
+    assert " ".join(rows[0]) == COLUMNS
     for iteration, row in zip(iterations, rows, strict=True):
         assert int(row["iteration"]) == iteration.number
         assert int(row["episodes"]) == 3 * iteration.number

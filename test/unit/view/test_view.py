@@ -1,8 +1,12 @@
 """The contents of a run's page; test/view tests the page in a browser."""
 
+import re
 import shutil
+from base64 import b64decode
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
+from html import unescape
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -178,3 +182,19 @@ def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
     assert (np.diff(motion.positions[:, 0, 0]) > 0).all()
     low, high = np.array(timeline.bounds)
     assert ((motion.positions[..., ::2] > low[::2]) & (motion.positions[..., ::2] < high[::2])).all()
+
+
+def test_a_run_is_exported_as_a_page_that_needs_no_other_file(
+    rkhs: Callable[..., Any], folder: Path, tmp_path: Path
+) -> None:
+    result = rkhs("export", folder, tmp_path / "run.html")
+    assert (result.code, result.err) == (0, "")
+    assert result.out == f"Exported the page of the run: {tmp_path / 'run.html'}\n"
+    page = (tmp_path / "run.html").read_text()
+    assert "Finished: iteration 4 of 4</p><p>20 episodes, " in page
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert b64decode(picture).startswith(b"\x89PNG")
+    (scene,) = re.findall(r'srcdoc="([^"]+)"', page)
+    assert unescape(scene).lstrip().lower().startswith("<!doctype html>")
+    outside = [link for link in re.findall(r'(?:src|href)="([^"]*)"', page) if not link.startswith("data:")]
+    assert outside == []
