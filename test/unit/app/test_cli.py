@@ -259,3 +259,29 @@ def test_a_task_whose_state_changes_too_fast_is_named(frequency: float, fast: bo
     episodes = Episodes.without_ends(observed, actions, rewards, ones)
     checked = TaskCheck.of(episodes, model_free(), Spaces((2,), -np.ones(1), np.ones(1)))
     assert ("change per decision: run the task at a higher control rate" in checked.problems()) == fast
+
+
+@pytest.fixture
+def run(rkhs: Run) -> Path:
+    """Train for a moment."""
+    config, small = CONFIG.with_name("pendulum_nac.yaml"), ("iterations=2", "episodes_per_iteration=3", "horizon=15")
+    done = rkhs("train", config, "--runner", "inline", "--quiet", "--out", "run", "--set", *small)
+    assert done.code == 0, done.err
+    return Path("run")
+
+
+@pytest.mark.slow
+def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
+    pytest.importorskip("onnxruntime")
+    done = rkhs("export", run, "policy.onnx")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.startswith("Exported the policy: policy.onnx\nChecked on 1000 random observations: relative error ")
+    assert Path("policy.onnx").is_file()
+
+
+def test_export_needs_one_known_format(rkhs: Run) -> None:
+    assert_refused(rkhs("export", "run"), "export: expected a file to write or --lerobot DIR, got neither")
+    both = rkhs("export", "run", "a.onnx", "--lerobot", "b")
+    assert_refused(both, "export: expected a file to write or --lerobot DIR, got file and lerobot")
+    assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .html, got .pt")
+    assert_refused(rkhs("export", "run", "a.onnx"), "run: expected an existing file or folder, got none")
