@@ -81,8 +81,8 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     The rollouts of a run that explores share a world, that is, functions drawn from the model's posterior (Thompson
     sampling; Strens, 2000). The next real episode shows whether the task is like that, so exploration follows the
     model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
-    where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and the
-    earlier policies are candidates. Without new episodes, rollouts draw their own functions, and training goes on.
+    where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and goes on
+    from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their own functions, and training goes on.
     """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
@@ -154,27 +154,37 @@ def _optimise(
     experience: RealExperience,
     runner: ModelRunner,
 ) -> tuple[GaussianPolicy, Metrics, float]:
-    """Update a policy in the model; return the best of all with the metrics of the last update and its return there."""
+    """Update a policy in the model; return the best of all with the metrics of the last update and its return there.
+
+    If training from the start finds nothing better than the earlier policies, it goes on from the best of these.
+    """
     horizon, discount = _horizon(experience), experience.discount
     validation = Validation(settings.rollouts, runner, _validation_seed(experience), horizon, discount)
     for each in earlier:
         validation.consider_earlier(replace(each, noise="white", action_repeat=1))
-    deviation = np.sqrt(experience.first_variance)
-    least = EXPLORATION_MINIMUM * deviation
-    policy = replace(start, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
-    memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
-    memory, number = memory.with_inputs(policy.inputs), 0
-    while validation.improves and number < settings.updates:
-        rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
-        update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
-        policy, metrics = algorithm.update(policy, update)
-        memory = algorithm.remembered(rollouts + memory, discount)
-        deviation = np.maximum(deviation * EXPLORATION_DECAY, least)
-        if not algorithm.learns_variance:
-            policy = replace(policy, variance=ConstantVariance(deviation**2))
-        number += 1
-        if number % VALIDATE_EVERY == 0 or number == settings.updates:
-            validation.consider(policy)
+    first = np.sqrt(experience.first_variance)
+    number = 0
+    for share in (1.0, NARROW):
+        if share == NARROW:  # nothing was better than an earlier policy, so improve that
+            if validation.best is None or validation.best is not validation.kept:
+                break
+            start = validation.best.policy
+            validation.resume()
+        deviation = share * first
+        policy = replace(start, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
+        memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
+        memory = memory.with_inputs(policy.inputs)
+        while validation.improves and number < settings.updates:
+            rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
+            update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
+            policy, metrics = algorithm.update(policy, update)
+            memory = algorithm.remembered(rollouts + memory, discount)
+            deviation = np.maximum(deviation * EXPLORATION_DECAY, EXPLORATION_MINIMUM * first)
+            if not algorithm.learns_variance:
+                policy = replace(policy, variance=ConstantVariance(deviation**2))
+            number += 1
+            if number % VALIDATE_EVERY == 0 or number == settings.updates:
+                validation.consider(policy)
     if validation.best is None:  # the updates had no direction
         return policy, metrics, float(rollouts.returns(discount).mean())
     return validation.best.policy, metrics, validation.best.mean

@@ -77,6 +77,10 @@ class Validation:
         self.trained = self._better(before, policy)
         self._waited = 0 if self.trained is not before else self._waited + 1
 
+    def resume(self) -> None:
+        """Forget how long nothing improved, because training starts again."""
+        self._waited = 0
+
     def _better(self, best: Candidate | None, policy: GaussianPolicy) -> Candidate | None:
         if not policy.mean.weights.any():
             return best

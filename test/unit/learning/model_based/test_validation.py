@@ -200,6 +200,28 @@ def test_a_policy_is_not_replaced_by_a_worse_one() -> None:
     assert updates
 
 
+def test_training_goes_on_from_an_earlier_policy_that_nothing_new_replaces() -> None:
+    starts: list[GaussianPolicy] = []
+
+    @dataclass(frozen=True)
+    class Improving(RKHSNAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            starts.append(policy)
+            action = float(policy.mean(experience.episodes.flat(experience.episodes.observations)).mean())
+            update = super().update(policy, experience)
+            return update._replace(policy=replace(policy, mean=constant(action + 0.1 if action > 1.0 else 0.0).mean))
+
+    good, _ = constant_updates(lambda number: 1.5)
+    wide = replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)), iterations=1)
+    (first,) = learn(replace(wide, algorithm=good), task=Push)
+    (second,) = learn(replace(wide, iterations=2, algorithm=Improving(centres=12)), first.state, task=Push)
+    assert not starts[0].mean.weights.any()
+    again = next(start for start in starts if np.array_equal(start.mean.weights, first.policy.mean.weights))
+    narrow = again.variance(np.zeros((1, 2))) / starts[0].variance(np.zeros((1, 2)))
+    np.testing.assert_allclose(narrow, 0.3**2)
+    assert second.policy.mean.weights[0, 0] > 1.8
+
+
 def test_an_earlier_policy_replaces_one_that_turned_out_to_be_worse() -> None:
     good, _ = constant_updates(lambda number: 1.5)
     wide = replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)))
