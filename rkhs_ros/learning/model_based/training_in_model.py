@@ -82,7 +82,8 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     sampling; Strens, 2000). The next real episode shows whether the task is like that, so exploration follows the
     model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
     where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and goes on
-    from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their own functions, and training goes on.
+    from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their
+    own functions, and training goes on.
     """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
