@@ -64,13 +64,6 @@ def attempts(folder: Path) -> dict[Batch, tuple[bytes, ...]]:
     return {batch: each.attempt[1] for batch, each in read_recording(folder).by_numbers().items()}
 
 
-def ended(run: Process, seconds: float = 250.0) -> tuple[int, str]:
-    """Wait for the end of a run; return its exit code and standard error."""
-    run.popen.wait(seconds)
-    code, _, err = run.finish()
-    return code, err
-
-
 @pytest.mark.timeout(600)
 def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path: Path, probe: Probe) -> None:
     folder, draws, watch = tmp_path / "run", np.random.default_rng(0), Watch(probe)
@@ -87,7 +80,8 @@ def test_killed_nodes_lose_and_repeat_no_finished_episode(start: Start, tmp_path
         found = attempts(folder)
         assert seen.items() <= found.items(), "an episode was lost, or run twice"
         seen = found
-    code, err = ended(run)
+    run.popen.wait(250.0)
+    code, _, err = run.finish()
     recording = read_recording(folder)
     discarded = [each.executions[0].discard_reason for each in recording.batches if each.is_discarded]
     print(f"{len(done)} kills: {', '.join(done)}; {len(discarded)} discarded episodes: {set(discarded)}")

@@ -53,21 +53,14 @@ def write_section(path: Path, **changes: object) -> Path:
 
 
 class Bench:
-    """What a robot node talks to; each part does its work unless told to be silent.
-
-    Attributes:
-        silent: names of the parts that say nothing: sensor, gate, policy, learner.
-        position: that the sensor tells.
-        commands: heard by the gate, with when they came.
-        executed: share of a command that the gate passes on.
-    """
+    """What a robot node talks to; each part does its work unless told to be silent."""
 
     def __init__(self, probe: Probe) -> None:
         self.probe = probe
-        self.silent: set[str] = set()
+        self.silent: set[str] = set()  # of sensor, gate, policy and learner
         self.position = 0.0
-        self.commands: list[tuple[float, Command]] = []
-        self.executed = 0.5
+        self.commands: list[tuple[float, Command]] = []  # with when they came
+        self.executed = 0.5  # share of a command that the gate passes on
         self._identity = 0
         node = probe
         self._state = node.create_publisher(GateState, "gate/state", LATCHED_QOS)

@@ -48,19 +48,6 @@ def action(step: int, values: tuple[float, ...] = (0.5, -0.25), **changes: int) 
     return Action(actions=array("d", values), **fields)
 
 
-def test_a_batch_over_topics_equals_the_simulation(simulator: None, probe: Probe) -> None:
-    begin(probe)
-    for step in range(4):
-        probe.say("action", action(step))
-        probe.until(lambda: len(seen(probe)) == step + 2)  # noqa: B023  # awaited in this step
-    probe.until(lambda: len(probe.heard["episodes"]) == 1)
-    simulation = Simulation("rkhs/Toy-v0")
-    frames = [simulation.start(BATCH), *(simulation.step(np.array([[0.5], [-0.25]])) for _ in range(4))]
-    np.testing.assert_array_equal(list(seen(probe).values()), [frame.observations for frame in frames])
-    rewards = np.frombuffer(probe.heard["episodes"][0].rewards).reshape(2, 4)
-    np.testing.assert_array_equal(rewards.T, [frame.rewards for frame in frames[1:]])
-
-
 def test_an_action_for_another_step_is_ignored(simulator: None, probe: Probe) -> None:
     begin(probe)
     probe.say("action", action(0))

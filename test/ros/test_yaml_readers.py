@@ -25,13 +25,7 @@ def read_by_ros(file: Path, domain: int) -> dict[str, Any]:
     context = Context()
     rclpy.init(context=context, args=["--ros-args", "--params-file", str(file)], domain_id=domain)
     try:
-        node = Node(
-            "reader",
-            context=context,
-            automatically_declare_parameters_from_overrides=True,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        node = Node("reader", context=context, automatically_declare_parameters_from_overrides=True)
         try:
             return parameters_of(node)
         finally:

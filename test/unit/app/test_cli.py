@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from rkhs_ros.app.cli import COMMANDS
-from rkhs_ros.app.commands import train
 from rkhs_ros.app.task_check import TaskCheck
 from rkhs_ros.base import validation
-from rkhs_ros.base.yaml_text import read_sections
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
@@ -159,18 +157,6 @@ def test_without_ros_a_run_is_inline_with_a_note(rkhs: Run, tmp_path: Path, monk
     expected = "--runner ros: expected ROS 2 Jazzy and the built interfaces, got no rclpy and rkhs_interfaces"
     assert_refused(rkhs("train", CONFIG, "--runner", "ros", "--out", "other"), expected)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_with_interfaces_a_run_uses_topics(rkhs: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    launched: dict[str, Any] = {}
-    monkeypatch.setattr(train, "missing_ros", str)
-    monkeypatch.setattr(train, "require_ros", len)
-    monkeypatch.setattr(train, "launch", lambda config, file, **nodes: launched.update(file=file, nodes=nodes) or 1)
-    assert rkhs("train", CONFIG, "--quiet", "--out", "run") == (1, "", "")
-    assert read_sections(launched["file"])["/**/learner"]["quiet"] is True
-    assert launched["nodes"] == {"composed": False}
-    assert rkhs("train", CONFIG, "--runner", "composed", "--out", "other").code == 1
-    assert launched["nodes"] == {"composed": True}
 
 
 # Pictures and evaluation of a policy

@@ -41,18 +41,6 @@ def test_the_package_imports_lazily() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
-def test_learn_yields_results_and_can_be_stopped() -> None:
-    numbers = []
-    for result in rkhs_ros.learn(
-        "rkhs/Toy-v0", rkhs_ros.RKHSPoWER(centres=9), model="none", iterations=10**6, horizon=10
-    ):
-        numbers.append(result.iteration.number)
-        assert len(result.curve["iteration"]) == len(numbers)
-        if len(numbers) == 3:
-            break
-    assert numbers == [1, 2, 3]
-
-
 @pytest.mark.parametrize("form", ["gaussian_process", "none"])
 def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
     settings = {**SHORT, "model": form} if form == "none" else SHORT

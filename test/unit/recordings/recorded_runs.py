@@ -30,14 +30,9 @@ def longer(iterations: int, **changes: Any) -> Config:
 
 
 class Robot:
-    """Runs and counts single episodes like a robot, discards the first attempt at every third one, and may stop.
+    """Runs and counts single episodes like a robot, discards the first attempt at some, and stops after a number.
 
-    Args:
-        episodes: number of episodes after which the robot stops.
-        discard_every: number of episodes per discarded one.
-        vetoed: pairs (explore, number) of episodes that are vetoed after they finish, and repeated after the others of
-            their batch.
-        period: duration of a step, in nanoseconds.
+    Vetoed episodes, as (explore, number), are repeated after the others of their batch. The period is in nanoseconds.
     """
 
     def __init__(

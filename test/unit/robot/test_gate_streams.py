@@ -74,12 +74,7 @@ def test_streams_move_the_robot_and_would_stop_it_without_the_gate(kind: str) ->
 @settings(max_examples=10)
 @given(seed=seeds)
 def test_a_disarmed_gate_sends_nothing(kind: str, seed: int) -> None:
-    class Unarmed(World):
-        def arm(self) -> str:
-            return "nobody does"
-
-    stream = np.random.default_rng(seed)
-    world = Unarmed(rules_of(kind))
+    stream, world = np.random.default_rng(seed), World(rules_of(kind))
     for _ in range(30):
         world.command(stream.choice([*NASTY, *stream.uniform(-2, 2, 9)], 2))
         world.request_stop(bool(stream.integers(2)))

@@ -41,13 +41,10 @@ def begun(task: RobotTask = TASK) -> RobotEpisode:
 def play(
     episode: RobotEpisode, delays: list[float | None], reports: bool = True, lateness: list[float] | None = None
 ) -> list[tuple[float, float]]:
-    """Play an episode from time 0; return the time and value of each sent command.
+    """Play a started episode from time 0; return the time and value of each sent command.
 
-    Args:
-        episode: a started episode.
-        delays: of each action after its observation, seconds; None for never. The first one starts the clock.
-        reports: whether the gate reports each command, as half of the requested one.
-        lateness: of each tick, seconds.
+    The delays are those of each action after its observation, s, None for never; the first one starts the clock. The
+    gate executes half of each command.
     """
     sent: list[tuple[float, float]] = []
     observed_at = now = 0.0

@@ -7,7 +7,6 @@ import pytest
 
 from rkhs_ros.learning.iteration import Row, lower_bound
 from rkhs_ros.learning.training import train
-from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -38,12 +37,6 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
 
 def test_a_run_writes_its_curve_and_policy(tmp_path: Path, runner: InlineRunner) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
-    assert sorted(p.name for p in folder.iterdir()) == [
-        *("best_policy.npz", "config.yaml", "curve.csv", "final_evaluation.txt", "lock"),
-        *("policy.npz", "recording.mcap"),
-    ]
-    assert draw_run(folder) == [folder / "curve.png", folder / "policy.png"]
-    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in ("curve.png", "policy.png"))
     assert load_config(folder / "config.yaml") == CONFIG
 
     iterations, rows = list(train(TRAINING, runner)), rows_of(folder)

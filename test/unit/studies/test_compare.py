@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
-from rkhs_ros.learning.iteration import Row
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import BEGINNING, Curve
 from rkhs_ros.runs.report import resolved, start_from
 from rkhs_ros.studies.aggregates import aggregates, mean_over_runs
 from rkhs_ros.studies.comparison import compare
@@ -29,20 +28,10 @@ def run_folder(
     training = model_free(**{"horizon": 20, "iterations": len(returns) or 1, **settings})
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(resolved(Config(Environment("rkhs/Toy-v0", {}), training)))
-    values = dict.fromkeys(Row._fields, 0.0) | {"centres": 3, "steps": 0, "evaluation_episodes": 0}
-    rows = [
-        Row(
-            **values
-            | {
-                "iteration": k,
-                "episodes": k * per_iteration,
-                "steps": 20 * k * per_iteration,
-                "exploration_return": train,
-                "evaluation_return": r,
-            }
-        )
-        for k, r in enumerate(returns, start=1)
-    ]
+    rows = []
+    for k, value in enumerate(returns, start=1):
+        counts = {"iteration": k, "episodes": k * per_iteration, "steps": 20 * k * per_iteration}
+        rows.append(BEGINNING._replace(**counts, exploration_return=train, evaluation_return=value))
     Curve(folder / "curve.csv").begin(rows)
     return folder
 

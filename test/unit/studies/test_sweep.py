@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rkhs_ros.app.cli import main
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.runs.curve import Curve
+from rkhs_ros.runs.curve import BEGINNING, Curve
 from rkhs_ros.studies.grid import outcome, parse_variations, points
 from rkhs_ros.studies.workers import WorkerLostError, run_parallel
 from test.unit.conftest import Result, assert_refused
@@ -44,9 +44,7 @@ def test_values_are_yaml_so_that_lists_and_words_can_be_varied() -> None:
 
 
 def row(episodes: int, value: float) -> Row:
-    return Row(
-        episodes // 2, episodes, 10 * episodes, 2, 0.0, 0.0, value, 0.0, 0.0, value, 1, 0.0, 0.0, 0.0, NAN, NAN, 0.0
-    )
+    return BEGINNING._replace(episodes=episodes, evaluation_episodes=2, evaluation_return=value)
 
 
 def test_an_outcome_has_final_and_best_return_and_episodes_to_thresholds() -> None:
