@@ -1,7 +1,8 @@
 """The safety gate between the senders of commands and a robot's hardware, as pure functions.
 
 A `Gate` is a frozen state. Each command, each sensed joint state and each clock tick maps it to the next state.
-Outputs are produced at ticks only. All times, including message stamps, are seconds of one monotonic clock.
+Outputs are produced at ticks only. All times, including message stamps, are seconds of one monotonic clock. The gate
+stops for silent senders of commands; whether the learner is alive is known to `rkhs_ros.nodes.robot.robot_driver`.
 """
 
 from dataclasses import replace

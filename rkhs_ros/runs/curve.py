@@ -1,4 +1,7 @@
-"""Learning curve of a run in a file, with one line per iteration, and in TensorBoard event files."""
+"""Learning curve of a run in a file, with one line per iteration, and in TensorBoard event files.
+
+The columns are the fields of `rkhs_ros.learning.iteration.Row`.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +20,6 @@ END = "\r\n"
 PACE_OF = 20  # last iterations, whose mean duration predicts the rest
 EVENTS = "tensorboard"  # folder in that of the run
 NAN = float("nan")
-BEGINNING = Row(0, 0, 0, 0, NAN, NAN, NAN, NAN, NAN, NAN, 0, NAN, NAN, NAN, NAN, NAN, 0.0)  # before the first iteration
 
 
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
@@ -38,6 +40,9 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
 
 
 KINDS = get_type_hints(Row)
+BEGINNING = Row._make(0 if kind is int else NAN for kind in KINDS.values())._replace(
+    seconds=0.0
+)  # before the first one
 HEADER = ",".join(Row._fields)
 
 

@@ -1,4 +1,4 @@
-"""The robot node's control of a robot during resets and episodes."""
+"""The robot node's control of a robot during resets and episodes. It holds still if the learner sends no heartbeat."""
 
 import time
 from collections.abc import Callable, Iterator
