@@ -5,8 +5,6 @@ and `compare` for their results, `load` for a trained `Policy`, `load_model` for
 algorithms and step rules, model-based training, the kernels, and the policy inputs (`Inputs`).
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """The simulator node: serves any Gymnasium environment with continuous actions over topics."""
 
-from __future__ import annotations
-
 import json
 import time
 from contextlib import closing

@@ -1,7 +1,5 @@
 """One episode on a robot, timed by the wall clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import inf
 from typing import NamedTuple

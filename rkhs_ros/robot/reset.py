@@ -1,7 +1,5 @@
 """Resets: the steps that bring a robot to the start of an episode."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf

@@ -1,7 +1,5 @@
 """A robot's task: its observations, commands, rewards and end, as given by a configuration."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

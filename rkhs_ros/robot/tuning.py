@@ -1,7 +1,5 @@
 """Tuning of a node's parameters: which ones, within which ranges, what happens in a trial, and what to try next."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Grid of settings, and the results of the runs at its points."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import blake2b

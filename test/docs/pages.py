@@ -1,7 +1,5 @@
 """Read the pages of the documentation, and run the code blocks of a page in a folder."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

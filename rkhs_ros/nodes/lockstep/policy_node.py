@@ -1,7 +1,5 @@
 """The policy node: answers observations with actions, and accepts new policies between batches."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rkhs_interfaces.msg import Action

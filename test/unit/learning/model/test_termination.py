@@ -1,7 +1,5 @@
 """The model learns from few ends where the task terminates episodes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
