@@ -91,27 +91,6 @@ def test_a_run_resumes_after_a_node_has_stalled(start: Start, tmp_path: Path, pr
     assert len(errors) == err.count("warning: the run resumes after iteration ") == 1
 
 
-@pytest.mark.nightly
-def test_runs_choose_separate_domains(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("ROS_DOMAIN_ID")
-    monkeypatch.setenv("COLUMNS", "250")
-    config = ROOT / "config" / "toy_nac.yaml"
-    runs = [start("rkhs", "train", config, "--quiet", "--out", tmp_path / name, "--iterations", 400) for name in "ab"]
-    files = [tmp_path / name / "domain" for name in "ab"]
-    curves = [tmp_path / name / "curve.csv" for name in "ab"]
-    while not all(file.exists() for file in curves):
-        assert all(run.popen.poll() is None for run in runs)
-        time.sleep(0.05)
-    assert len({file.read_text() for file in files}) == 2
-    code, out, err = start("rkhs", "status", tmp_path / "a").finish()
-    assert (code, err) == (0, "")
-    assert "learner" in out
-    assert [run.finish()[0] for run in runs] == [0, 0]
-    assert not any(file.exists() for file in files)
-    code, _, err = start("rkhs", "status", tmp_path / "a").finish()
-    assert (code, err) == (2, f"error: {tmp_path / 'a'}: expected the folder of an active run over topics, got none\n")
-
-
 def test_an_invalid_parameter_ends_a_node_with_one_line(start: Start, domain: int) -> None:
     code, _, err = start("learner", "--ros-args", "-p", "algorithm.rigde:=0.1").finish()
     assert (code, err) == (2, "error: unknown key 'algorithm.rigde', did you mean 'algorithm.ridge'?\n")

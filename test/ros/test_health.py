@@ -40,6 +40,7 @@ def test_every_node_reports_its_status_and_refusals_and_the_learner_its_curve(
     probe.create_subscription(LearningProgress, "progress", progress.append, LATCHED_QOS)
     nodes = ("/simulator", "/policy", "/learner")
     probe.until(lambda: set(nodes) <= set(hearing.reports))
+    status = start("rkhs", "status")
     probe.until(lambda: all(float(hearing.value(name, "steps per second")) > 0 for name in nodes))
     for name in nodes:
         report = hearing.reports[name]
@@ -56,6 +57,8 @@ def test_every_node_reports_its_status_and_refusals_and_the_learner_its_curve(
     probe.until(lambda: progress[-1].iteration > 1)
     last, rows = progress[-1], list(csv.DictReader((tmp_path / "out" / "curve.csv").open()))
     assert {name: str(getattr(last, name)) for name in rows[0]} == rows[last.iteration - 1]
-    assert [str(each) for each in last.last_exploration_returns] == [
-        row["exploration_return"] for row in rows[: last.iteration]
-    ]
+    returns = [row["exploration_return"] for row in rows[: last.iteration]]
+    assert [str(each) for each in last.last_exploration_returns] == returns
+    code, out, err = status.finish()
+    assert (code, err) == (0, "")
+    assert "/learner" in out

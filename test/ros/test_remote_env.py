@@ -17,6 +17,7 @@ from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.nodes.lockstep.remote_env import RemoteEnv
 from sim_nodes.simulator_node import SimulatorNode
 from test.ros.conftest import PATIENCE, Process
+from test.unit.rollouts.test_env_batch import Countdown
 
 Start = Callable[..., Process]
 Make = Callable[..., Any]
@@ -25,24 +26,14 @@ UNEVEN = "Uneven-v0"
 STEPS = 1000
 
 
-class Uneven(gymnasium.Env[Any, Any]):
-    """Lasts as many steps as was drawn; by the task if those are even, otherwise cut off."""
+class Uneven(Countdown):
+    """Ends or is cut off after some steps; its observations are noisy."""
 
-    observation_space: Any = Box(-100.0, 100.0, (3,), np.float32)
-    action_space: Any = Box(-1.0, 1.0, (2,), np.float32)
+    least = 2  # else Gymnasium's checker complains
+    strict = False
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        self.lasts = self.left = int(self.np_random.integers(2, 9))
-        return self.seen(), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.left -= 1
-        even = self.lasts % 2 == 0
-        return self.seen(), float(action.sum()), not self.left and even, not self.left and not even, {}
-
-    def seen(self) -> Any:
-        return np.array([self.left, self.lasts, self.np_random.normal()], dtype=np.float32)
+    def observe(self) -> Any:
+        return super().observe() + self.np_random.uniform(-1.0, 1.0, 2).astype(np.float32)
 
 
 gymnasium.register(UNEVEN, Uneven, max_episode_steps=7)

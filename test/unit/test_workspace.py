@@ -26,12 +26,8 @@ def colcon(*arguments: str, cwd: Path, interfaces: bool = False) -> subprocess.C
         paths = environment.pop(name, "").split(":")
         kept = [p for p in paths if not p.startswith(ours) or (interfaces and "/rkhs_interfaces" in p)]
         environment[name] = ":".join(kept)
-    command = [
-        sys.executable,
-        "-c",
-        "import colcon_core.command, sys; sys.exit(colcon_core.command.main())",
-        *arguments,
-    ]
+    code = "import colcon_core.command, sys; sys.exit(colcon_core.command.main())"
+    command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
 
 

@@ -1,6 +1,8 @@
 import resource
 import signal
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +15,12 @@ from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
-from rkhs_ros.recordings.recorder import Recorder
+from rkhs_ros.recordings.recorder import Recorder, read_held
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.runs.offline import all_episodes
 from rkhs_ros.runs.recorded import RecordingRunner
 from rkhs_ros.runs.replay import RecordedRunner
+from rkhs_ros.view.recorded import Recorded
 from test.unit.conftest import arrays_of, random_policy
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
@@ -106,6 +109,13 @@ def test_a_truncated_file_is_read_up_to_the_last_complete_record(
     assert line.count("\n") == 1
 
 
+def loaded(path: Path) -> None:
+    """Read a recording like the page of a run."""
+    source = Recorded(path)
+    for iteration in source.iterations:
+        source.load(iteration)
+
+
 def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.random.Generator) -> None:
     content, everything = bytearray(whole.read_bytes()), MessageReader(whole).news().messages
     damaged, lost = tmp_path / "damaged.mcap", 0
@@ -115,6 +125,9 @@ def test_a_flipped_bit_is_always_detected(whole: Path, tmp_path: Path, rng: np.r
         found = MessageReader(damaged).news()
         assert [message for message in found.messages if message not in everything] == []
         assert len(found.messages) == len(everything) or found.faults
+        for read in (read_recording, partial(read_held, iterations=4, keeps_later=True), loaded):
+            with suppress(ValueError, OSError):  # of one line
+                read(damaged)
         lost += len(found.messages) < len(everything)
         content[at] ^= 1 << bit
     assert 100 < lost < 200
@@ -185,10 +198,8 @@ def test_a_discarded_episode_is_recorded_but_not_used(tmp_path: Path) -> None:
     assert np.diff(first.executions[0].stamps).tolist() == [50_000_000] * 5
     assert first.executions[0].executed.shape == (5, 2)
     assert first.executions[0].flags.tolist() == [0, 1, 2, 3, 4]
-    published = [
-        m.published for m in MessageReader(tmp_path / "run" / "recording.mcap").news().messages if "Recorded" in m.kind
-    ]
-    assert published[0] == first.executions[0].stamps[-1]
+    messages = MessageReader(tmp_path / "run" / "recording.mcap").news().messages
+    assert next(m.published for m in messages if "Recorded" in m.kind) == first.executions[0].stamps[-1]
 
 
 def test_what_follows_the_last_update_is_cut_off(whole: Path, tmp_path: Path) -> None:
@@ -222,8 +233,6 @@ def test_invalid_recordings_are_rejected(tmp_path: Path) -> None:
 
 
 EPISODES = 120
-
-
 MOST_COPIES = 6  # of an episode; repeated addition would copy each one EPISODES / 2 times on average
 
 

@@ -27,6 +27,7 @@ class Countdown(gymnasium.Env[Any, Any]):
     action_space = Box(-1.0, 1.0, (1,), np.float32)
     made: list["Countdown"] = []
     most = 100
+    least = 1
     strict = True  # raise unless reset in time
 
     def __init__(self) -> None:
@@ -40,7 +41,7 @@ class Countdown(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         if self.going and self.strict:
             raise RuntimeError("reset during an episode")
-        self.lasts = self.left = int(self.np_random.integers(1, 9))
+        self.lasts = self.left = int(self.np_random.integers(self.least, 9))
         self.going = True
         return self.observe(), {}
 
