@@ -33,22 +33,16 @@ def tables(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.glob("*.csv"))}
 
 
-def kill_when(folder: Path, runs: int, victims: Callable[[], list[int]]) -> Thread:
-    """Kill one of the processes after a number of runs."""
-
-    def kill() -> None:
-        while len(list(folder.glob("runs/*/policy.npz"))) < runs or not (found := victims()):
-            time.sleep(0.02)
-        os.kill(found[0], signal.SIGKILL)
-
-    thread = Thread(target=kill, daemon=True)
-    thread.start()
-    return thread
-
-
 def test_a_killed_dask_worker_does_not_change_twenty_runs(rkhs: Run, dask: Any, tmp_path: Path) -> None:
     on = ("--jobs", dask.scheduler_address)
-    killed = kill_when(tmp_path / "dask", 5, lambda: [next(iter(dask.workers.values())).pid])
+
+    def kill() -> None:
+        while len(list(tmp_path.glob("dask/runs/*/policy.npz"))) < 5:
+            time.sleep(0.02)
+        os.kill(next(iter(dask.workers.values())).pid, signal.SIGKILL)
+
+    killed = Thread(target=kill, daemon=True)
+    killed.start()
     assert rkhs("sweep", CONFIG, *TWENTY, "--set", *TINY, "--out", "dask", *on).code == 0
     killed.join(1.0)
     assert not killed.is_alive()

@@ -16,14 +16,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 @pytest.mark.usefixtures("domain")
 def test_a_benchmark_runs_quickly(script: Path, tmp_path: Path) -> None:
     command = [sys.executable, str(script), "--quick"]
-    done = subprocess.run(
-        command,
-        cwd=tmp_path,
-        env={k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     if done.stderr.startswith("skipped: "):
         assert done.stderr.startswith(f"skipped: {script.name}: expected ")

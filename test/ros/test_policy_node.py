@@ -45,18 +45,9 @@ def policy(seed: int, variance: str = "constant", inputs: Inputs = PLAIN) -> Gau
 
 
 def observation(step: int, batch: int = 1, version: int = 1, seen: np.ndarray = SEEN) -> Observation:
-    return Observation(
-        batch=batch,
-        policy_version=version,
-        step=step,
-        horizon=4,
-        seed=3,
-        first_episode=5,
-        explore=True,
-        num_envs=2,
-        observations=array("d", seen.tobytes()),
-        rewards=array("d", [0.0, 0.0] if step else []),
-    )
+    numbers = {"batch": batch, "policy_version": version, "step": step, "horizon": 4, "seed": 3, "num_envs": 2}
+    arrays = {"observations": array("d", seen.tobytes()), "rewards": array("d", [0.0, 0.0] if step else [])}
+    return Observation(first_episode=5, explore=True, **numbers, **arrays)
 
 
 def set_policy_request(served: GaussianPolicy, version: int) -> SetPolicy.Request:

@@ -4,7 +4,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +21,6 @@ from test.unit.conftest import Result, assert_refused, model_free, random_policy
 
 CONFIG = Path(__file__).parents[3] / "config" / "toy_nac.yaml"
 SHORT = ("--runner", "inline", "--iterations", "2")
-
-
 Run = Callable[..., Result]
 
 
@@ -194,28 +191,18 @@ def test_argcomplete_completes_commands_options_choices_and_files(
     assert set((tmp_path / "completions").read_text().split("\n")) == expected
 
 
-Rkhs = Callable[..., Any]
-
-
-CONFIGS = Path(__file__).parents[3] / "config"
-
-
-def table(out: str) -> dict[str, str]:
+def checked(rkhs: Run, *arguments: object) -> dict[str, str]:
     """Return the values by name, and the last line as "last"."""
-    *lines, last = out.splitlines()
-    return {"last": last} | {name: value for name, _, value in (line.partition("  ") for line in lines)}
-
-
-def checked(rkhs: Rkhs, *arguments: object) -> dict[str, str]:
     result = rkhs("check", *arguments)
     assert (result.code, result.err) == (0, "")
-    return {name: value.strip() for name, value in table(result.out).items()}
+    *lines, last = result.out.splitlines()
+    return {"last": last} | {name: value.strip() for name, _, value in (line.partition("  ") for line in lines)}
 
 
-def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> None:
+def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Run) -> None:
     wrapped = "environment.options.angle=wrap"
     assert checked(rkhs, "rkhs/Pendulum-v0", "--set", wrapped)["angles"].startswith("0 ")
-    values = checked(rkhs, CONFIGS / "pendulum_nac.yaml", "--set", wrapped)
+    values = checked(rkhs, CONFIG.with_name("pendulum_nac.yaml"), "--set", wrapped)
     assert values["angles"].endswith("in radians")
     assert "'inputs.angles=[0]'" in values["last"]
     assert values["last"].startswith("try: --set ")
@@ -228,9 +215,9 @@ def test_a_wrapped_angle_is_found_and_a_file_gets_its_settings(rkhs: Rkhs) -> No
         ("algorithm={name: enac, grid: [-4, 4, 3, -9, 9, 4]}", "kernel.bandwidth=1.0"),
     ],
 )
-def test_inputs_that_training_keeps_are_not_searched(rkhs: Rkhs, fixed: tuple[str, ...]) -> None:
+def test_inputs_that_training_keeps_are_not_searched(rkhs: Run, fixed: tuple[str, ...]) -> None:
     wrapped = "environment.options.angle=wrap"
-    values = checked(rkhs, CONFIGS / "pendulum_nac.yaml", "--set", wrapped, *fixed)
+    values = checked(rkhs, CONFIG.with_name("pendulum_nac.yaml"), "--set", wrapped, *fixed)
     not_tested = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
     assert values["angles"] == values["history"] == not_tested
     assert "inputs" not in values["last"]
@@ -247,19 +234,13 @@ def test_a_task_whose_state_changes_too_fast_is_named(frequency: float, fast: bo
     assert ("change per decision: run the task at a higher control rate" in checked.problems()) == fast
 
 
-@pytest.fixture
-def run(rkhs: Run) -> Path:
-    """Train for a moment."""
+@pytest.mark.slow
+def test_a_policy_is_exported_as_onnx(rkhs: Run) -> None:
+    pytest.importorskip("onnxruntime")
     config, small = CONFIG.with_name("pendulum_nac.yaml"), ("iterations=2", "episodes_per_iteration=3", "horizon=15")
     done = rkhs("train", config, "--runner", "inline", "--quiet", "--out", "run", "--set", *small)
     assert done.code == 0, done.err
-    return Path("run")
-
-
-@pytest.mark.slow
-def test_a_policy_is_exported_as_onnx(run: Path, rkhs: Run) -> None:
-    pytest.importorskip("onnxruntime")
-    done = rkhs("export", run, "policy.onnx")
+    done = rkhs("export", "run", "policy.onnx")
     assert (done.code, done.err) == (0, "")
     assert done.out.startswith("Exported the policy: policy.onnx\nChecked on 1000 random observations: relative error ")
     assert Path("policy.onnx").is_file()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,11 @@ import numpy as np
 import pytest
 
 import rkhs_ros
-from rkhs_ros.app.cli import main
 from rkhs_ros.app.learn_settings import LearnSettings
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.runs.curve import Curve, columns
+from test.unit.conftest import Result
 
 SHORT: dict[str, Any] = {
     "iterations": 2,
@@ -42,16 +43,15 @@ def test_the_package_imports_lazily() -> None:
 
 
 @pytest.mark.parametrize("form", ["gaussian_process", "none"])
-def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, tmp_path: Path) -> None:
+def test_defaults_do_not_depend_on_how_the_algorithm_is_chosen(form: str, rkhs: Callable[..., Result]) -> None:
     settings = {**SHORT, "model": form} if form == "none" else SHORT
     chosen = (None, "rkhs_nac", *([] if form == "none" else [rkhs_ros.RKHSNAC(), rkhs_ros.RKHSNAC(trace=0.95)]))
     curves = [rkhs_ros.train("rkhs/Toy-v0", each, progress=False, **settings).curve for each in chosen]
     changes = [f"{name}={value}" for name, value in SHORT.items() if name != "model"]
     changes += ["model.form=none"] if form == "none" else ["model.updates=2", "model.rollouts=5"]
-    main_code = ["train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", str(tmp_path / "run")]
-    with pytest.raises(SystemExit, match="0"):
-        main([*main_code, "--set", *changes])
-    of_command = columns(Curve(tmp_path / "run" / "curve.csv").rows())
+    words = ("train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", "run", "--set", *changes)
+    assert rkhs(*words).code == 0
+    of_command = columns(Curve(Path("run/curve.csv")).rows())
     for curve in (*curves[1:], of_command):
         for name in set(curve) - {"seconds"}:
             assert np.array_equal(curve[name], curves[0][name], equal_nan=True), name

@@ -1,5 +1,6 @@
 """Runs from Python with a folder, which equals the folder of the command line."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,8 @@ import pytest
 from gymnasium.spaces import Box
 
 import rkhs_ros
-from rkhs_ros.app.cli import main
 from rkhs_ros.runs.curve import Curve
+from test.unit.conftest import Result, assert_refused
 
 SHORT: dict[str, Any] = {
     "iterations": 3,
@@ -42,29 +43,16 @@ class Slide(gymnasium.Env[Any, Any]):
         return self.place.astype(np.float32), -float(self.place[0] ** 2), False, False, {}
 
 
-def command(*words: str | Path) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, words)])
-    assert isinstance(ended.value.code, int)
-    return ended.value.code
-
-
-def written(folder: Path) -> list[Path]:
-    """Return the files of a run."""
-    files = [file.relative_to(folder) for file in folder.rglob("*") if file.is_file()]
-    return sorted(files)
-
-
 def without_times(folder: Path) -> list[tuple[Any, ...]]:
     return [tuple(f"{each}" for each in row[:-1]) for row in Curve(folder / "curve.csv").rows()]
 
 
-def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path) -> None:
+def test_a_run_writes_the_folder_of_the_command_line(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     ours, theirs = tmp_path / "python", tmp_path / "command"
     result = rkhs_ros.train("rkhs/Toy-v0", out=ours, **SHORT)
     train = ("train", "--env", "rkhs/Toy-v0", "--runner", "inline", "--quiet", "--out", theirs)
-    assert command(*train, "--set", *CHANGES) == 0
-    files = [written(each) for each in (ours, theirs)]
+    assert rkhs(*train, "--set", *CHANGES).code == 0
+    files = [{file.relative_to(run) for file in run.rglob("*") if file.is_file()} for run in (ours, theirs)]
     assert files[0] == files[1]
     same = [file for file in files[0] if file.name not in WITH_TIMES]
     assert {"config.yaml", "policy.npz", "best_policy.npz", "curve.png"} <= {file.name for file in same}
@@ -132,16 +120,14 @@ def test_a_run_in_an_environment_of_other_dimensions_is_not_resumed(tmp_path: Pa
     assert (tmp_path / "run" / "config.yaml").read_bytes() == before
 
 
-def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     folder = tmp_path / "run"
     result = rkhs_ros.train(Slide, out=folder, **SHORT)
-    assert command("plot", folder) == command("replay", folder) == 0
+    assert rkhs("plot", folder).code == rkhs("replay", folder).code == 0
     evaluations = [rkhs_ros.evaluate(*each, episodes=3) for each in ((folder, Slide), (result.policy, Slide()))]
     assert len({each.discounted_returns.tobytes() for each in evaluations}) == 1
     assert evaluations[0].undiscounted_return < evaluations[0].discounted_return < 0.0
-    capsys.readouterr()
     for words in (("evaluate", folder), ("train", "--resume", folder, "--runner", "inline")):
-        assert command(*words) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert "unknown environment 'Slide'" in line
-        assert line.endswith("pass it to rkhs_ros.evaluate, or to rkhs_ros.train with resume=True")
+        result = rkhs(*words)
+        assert_refused(result, "unknown environment 'Slide'")
+        assert result.err.endswith("pass it to rkhs_ros.evaluate, or to rkhs_ros.train with resume=True\n")

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 from PIL import Image
 
 from rkhs_ros.pictures import film as films
-from rkhs_ros.pictures.film import Film, animate, draw_strip, shoot
+from rkhs_ros.pictures.film import Film, shoot
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -93,11 +93,6 @@ def film(policy: GaussianPolicy, task: Task = TOY, **options: int) -> Film:
     return shoot(policy, task, InlineRunner(Simulation(task.environment, task.options)), **options)
 
 
-def striped(frames: int) -> Film:
-    noise = np.random.default_rng(0).integers(0, 256, (frames, 40, 60, 3)).astype(np.uint8)
-    return Film(noise, [f"step {k}" for k in range(frames)])
-
-
 # Frames
 
 
@@ -131,16 +126,6 @@ def test_other_environments_are_rendered_until_the_episode_ends(foreign: None) -
 
 
 # Files
-
-
-@pytest.mark.parametrize("frames", [1, 30])
-def test_a_strip_and_an_animation_have_the_right_sizes(tmp_path: Path, frames: int) -> None:
-    draw_strip(tmp_path / "film.png", striped(frames))
-    animate(tmp_path / "film.gif", striped(frames))
-    with Image.open(tmp_path / "film.png") as strip, Image.open(tmp_path / "film.gif") as animation:
-        assert strip.width == 240 * min(frames, 6)
-        assert getattr(animation, "n_frames", 1) == frames
-        assert animation.size == (60, 40)
 
 
 @pytest.mark.parametrize(

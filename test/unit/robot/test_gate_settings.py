@@ -77,11 +77,7 @@ def test_one_number_applies_to_all_joints_and_an_omitted_limit_is_none() -> None
         (EFFORT, {"joints": None}, "joints: expected the names of the joints, got none"),
         (EFFORT, {"joints": ["a", "a"], "limits": {"minimum": -1.0}}, "joints: expected unique names"),
         (EFFORT, {"command": {"topic": None}}, "command.topic: expected the topic"),
-        (
-            EFFORT,
-            {"limits": None},
-            "limits.minimum: expected a limit for each joint (required for effort commands), got none",
-        ),
+        (EFFORT, {"limits": None}, "limits.minimum: expected a limit for each joint (required for effort"),
         (EFFORT, {"limits": {"minimum": 1.0}}, "limits: expected minimum <= 0 <= maximum"),
         (EFFORT, {"limits": {"step": 1e-12}}, "limits.step: expected 0, or from 1e-09"),
         (EFFORT, {"limits": {"step": [1.0, 2.0]}}, "limits.step: expected 1 number, got 2"),

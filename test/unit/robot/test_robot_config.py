@@ -1,23 +1,18 @@
 """Configurations with a robot instead of a simulator."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from rkhs_ros.app.cli import main
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.report import resolved
+from test.unit.conftest import Result, assert_refused
 
 PENDULUM = Path(__file__).parents[3] / "config" / "robot_pendulum.yaml"
-
-
-def code_of(*arguments: object) -> object:
-    with pytest.raises(SystemExit) as end:
-        main([str(argument) for argument in arguments])
-    return end.value.code
 
 
 @pytest.mark.parametrize(
@@ -35,13 +30,10 @@ def code_of(*arguments: object) -> object:
     ],
 )
 def test_invalid_sections_are_refused_before_any_node_starts(
-    change: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: str, message: str, rkhs: Callable[..., Result]
 ) -> None:
-    code = code_of("train", PENDULUM, "--out", tmp_path / "run", "--set", change)
-    err = capsys.readouterr().err
-    assert (code, len(err.splitlines())) == (2, 1)
-    assert message in err
-    assert not (tmp_path / "run").exists()
+    assert_refused(rkhs("train", PENDULUM, "--out", "run", "--set", change), message)
+    assert not Path("run").exists()
 
 
 @pytest.mark.parametrize(

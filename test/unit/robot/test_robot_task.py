@@ -2,7 +2,6 @@
 
 import signal
 import threading
-from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.robot.task import Commands, End, Reward, robot_task_from
+from test.unit.robot.test_gate_settings import merged
 
 HERE = "test.unit.robot.test_robot_task"
 SECTION: dict[str, Any] = {
@@ -47,17 +47,6 @@ def beyond(before: np.ndarray, action: np.ndarray, after: np.ndarray) -> int:
     return 10**400
 
 
-def changed(path: str, value: object) -> dict[str, Any]:
-    """Return the section with one value replaced; None removes it."""
-
-    def replaced(tree: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-        head, *rest = names
-        new = replaced(tree.get(head, {}), rest) if rest else value
-        return {**{k: v for k, v in tree.items() if k != head}, **({} if new is None else {head: new})}
-
-    return replaced(SECTION, path.split("."))
-
-
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
@@ -75,8 +64,11 @@ def changed(path: str, value: object) -> dict[str, Any]:
     ],
 )
 def test_invalid_settings_are_refused_in_one_line(path: str, value: object, message: str) -> None:
+    for name in reversed(path.split(".")):
+        value = {name: value}
+    assert isinstance(value, dict)
     with pytest.raises(ValueError, match=r"expected|unknown|no function") as refusal:
-        robot_task_from(changed(path, value))
+        robot_task_from(merged(SECTION, value))
     assert message in str(refusal.value)
     assert "\n" not in str(refusal.value)
 

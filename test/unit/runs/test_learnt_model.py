@@ -18,11 +18,11 @@ from rkhs_ros.runs.run import run_training
 TASK, HORIZON, REPEAT = "rkhs/Pendulum-v0", 30, 4
 MODEL = rkhs_ros.ModelBased(updates=1, rollouts=4, centres=30)
 CHANGES = ["iterations=3", "seed=4", f"horizon={HORIZON}", f"action_repeat={REPEAT}"]
-OF_MODEL = ["model.updates=1", "model.rollouts=4", "model.centres=30"]
+CHANGES += ["model.updates=1", "model.rollouts=4", "model.centres=30"]
 
 
-def run_in(folder: Path, *changes: str) -> Path:
-    config = config_for(TASK, HORIZON, [*CHANGES, *changes])
+def run_in(folder: Path) -> Path:
+    config = config_for(TASK, HORIZON, CHANGES)
     return run_training(config, InlineRunner(Simulation(TASK)), folder, quiet=True)
 
 
@@ -43,7 +43,7 @@ def test_the_models_of_a_result_its_folder_and_its_episodes_are_bit_identical(tm
     explored: list[Episodes] = []
     for result in rkhs_ros.learn(TASK, model=MODEL, iterations=3, seed=4, horizon=HORIZON, action_repeat=REPEAT):
         explored.append(result.iteration.exploration)
-    loaded = load_model(run_in(tmp_path / "run", *OF_MODEL))
+    loaded = load_model(run_in(tmp_path / "run"))
     assert loaded.horizon == 8  # decisions, the last of 2 steps
     assert loaded.action_repeat == REPEAT
     episode = episode_in(loaded)
@@ -56,7 +56,7 @@ def test_the_models_of_a_result_its_folder_and_its_episodes_are_bit_identical(tm
 
 
 def test_a_folder_without_a_finished_iteration_is_refused(tmp_path: Path) -> None:
-    folder = run_in(tmp_path / "run", *OF_MODEL)
+    folder = run_in(tmp_path / "run")
     file = folder / "recording.mcap"
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 20])
     with pytest.raises(ValueError, match=r"recording\.mcap: expected at least one finished iteration, got none$"):

@@ -96,21 +96,16 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert times(finished) == before
 
 
-def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", *map(str, arguments), "--jobs", "2"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    while not list(folder.glob("seed_*/recording.mcap")):
-        assert process.poll() is None
-        time.sleep(0.02)
-    return process
-
-
 @pytest.mark.nightly
 @pytest.mark.slow
 def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
     long = (*EPISODES, "iterations=60", "--seeds", "0-2", "--quiet")
-    process = started(many, CONFIG, *long, "--out", many)
+    command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", CONFIG, *long, "--out", many, "--jobs", "2"]
+    process = subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    while not list(many.glob("seed_*/recording.mcap")):
+        assert process.poll() is None
+        time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (130, "")
