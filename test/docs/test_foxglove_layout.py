@@ -1,4 +1,4 @@
-"""The Foxglove layout uses existing topics and fields, in known types of panels."""
+"""The Foxglove layout uses existing topics and fields."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The glossary lists terms that are in use, and retired words occur on no page."""
+"""The glossary lists terms that are in use, in order."""
 
 import re
 

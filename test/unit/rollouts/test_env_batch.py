@@ -1,6 +1,6 @@
 """Batches of every kind of environment: from ids, objects, copies, single and flattened environments."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -56,12 +56,12 @@ class Countdown(gymnasium.Env[Any, Any]):
         return np.array([self.left, self.lasts], dtype=np.float32)
 
 
+gymnasium.register("test/Countdown-v0", Countdown, max_episode_steps=12)
+
+
 @pytest.fixture(autouse=True)
-def countdown() -> Iterator[None]:
+def countdown() -> None:
     Countdown.made = []
-    gymnasium.register("test/Countdown-v0", Countdown, max_episode_steps=12)
-    yield
-    del gymnasium.registry["test/Countdown-v0"]
 
 
 @pytest.fixture

@@ -30,16 +30,13 @@ def runner() -> InlineRunner:
     return InlineRunner(Simulation("rkhs/Toy-v0"))
 
 
-def rows_of(folder: Path) -> list[dict[str, str]]:
-    with (folder / "curve.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_run_writes_its_curve_and_policy(tmp_path: Path, runner: InlineRunner) -> None:
     folder = run_training(CONFIG, runner, tmp_path / "run", quiet=True)
     assert load_config(folder / "config.yaml") == CONFIG
 
-    iterations, rows = list(train(TRAINING, runner)), rows_of(folder)
+    iterations = list(train(TRAINING, runner))
+    with (folder / "curve.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
     assert " ".join(rows[0]) == COLUMNS
     for iteration, row in zip(iterations, rows, strict=True):
         assert int(row["iteration"]) == iteration.number

@@ -33,10 +33,6 @@ torques = st.floats(-3.0, 3.0)
 times = st.lists(st.floats(0.0, 0.2), max_size=8).map(lambda gaps: np.cumsum([0.0, *gaps]).tolist())
 
 
-def driven(**state: float) -> MotorPendulum:
-    return MotorPendulum(is_driven=True, **state)
-
-
 def steps(pendulum: MotorPendulum, count: int) -> MotorPendulum:
     for _ in range(count):
         pendulum = pendulum.stepped(STEP)
@@ -75,7 +71,7 @@ def test_the_motors_noise_equals_that_of_the_papers_task() -> None:
     ends = []
     for seed in range(200):
         robot = MotorPendulumRobot(MotorPendulumSettings(seed=seed))
-        robot.state = driven(angle=0.0)
+        robot.state = MotorPendulum(is_driven=True, angle=0.0)
         for _ in range(500):
             robot.step()
         ends.append(robot.state.velocity)
