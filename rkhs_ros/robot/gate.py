@@ -2,7 +2,7 @@
 
 A `Gate` is a frozen state. Each command, each sensed joint state and each clock tick maps it to the next state.
 Outputs are produced at ticks only. All times, including message stamps, are seconds of one monotonic clock. The gate
-stops for silent senders of commands; whether the learner is alive is known to `rkhs_ros.nodes.robot.robot_driver`.
+stops for silent senders of commands; whether the learner is alive is known to ``rkhs_ros.nodes.robot.robot_driver``.
 """
 
 from dataclasses import replace

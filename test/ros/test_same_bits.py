@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,10 @@ def test_inputs_that_change_during_a_run_are_bit_identical_over_topics(start: St
     assert float(second["model_error"]) > 0.0
 
 
-def test_episodes_that_end_early_are_bit_identical_over_topics(start: Start, tmp_path: Path) -> None:
+def test_episodes_that_end_early_are_bit_identical_over_topics(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
     env = ("--env", "test.unit.rollouts.test_env_batch:test/Countdown-v0")
     small = ("episodes_per_iteration=4", "evaluation_episodes=2", "horizon=20", "timeout=60", "model.form=none")
     assert_same_bits(start, tmp_path, (*env, *MODEL, "--set", *small), 2)
