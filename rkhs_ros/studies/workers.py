@@ -1,6 +1,7 @@
 """Calls in parallel: in processes of this machine, or on a Dask cluster."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, as_completed
 from contextlib import contextmanager
@@ -74,6 +75,8 @@ def _cluster(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise OSError(f"--jobs: expected a Dask scheduler at {address}, got none ({error})") from error
     with client:
+        if not client.nthreads():
+            print(f"waiting for workers at {address}", file=sys.stderr, flush=True)
         client.get_versions(check=True, packages=SAME_ON_ALL)
         most = max(client.nthreads().values(), default=1)
         require(most == 1, "--jobs", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
