@@ -57,7 +57,8 @@ class Inputs(Settings):
         require(len(set(self.columns)) == len(self.columns), "inputs.angles", "each column once", self.angles)
         good = len(self.turns) in (0, len(self.columns))
         require(good, "inputs.turns", f"{len(self.columns)} numbers, one per angle, or none", self.turns)
-        require(0 <= self.degree <= 20 and self.offset >= 0, "monomials", "a degree of at most 20", self.degree)
+        good = isinstance(self.degree, int) and 0 <= self.degree <= 20 and 0 <= self.offset <= 1e6
+        require(good, "monomials", "a degree of 0 to 20 and an offset of 0 to 1e6", (self.degree, self.offset))
         bounds = (self.action_low, self.action_high)
         good = len(bounds[0]) == len(bounds[1]) and all(low <= high for low, high in zip(*bounds, strict=True))
         require(good, "inputs.action_low", "a number for each action, at most that of action_high", bounds)

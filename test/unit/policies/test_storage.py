@@ -93,6 +93,7 @@ def test_arrays_with_a_too_small_header_are_rejected(tmp_path: Path, rng: np.ran
         {"task": np.array(json.dumps(asdict(TASK) | {"horizon": -1}))},
         {"centres": np.array([{}], dtype=object)},
         {"kernel_sizes": np.array([2])},
+        {"inputs": np.array(json.dumps({"degree": 2.5}))},
         {"observation_shape": np.array([-1]), "action_low": np.zeros(2), "action_high": np.ones(2)},
     ],
     ids=lambda change: ", ".join(change),
