@@ -40,9 +40,8 @@ def seconds_left(rows: Sequence[Row], iterations: int) -> float:
 
 
 KINDS = get_type_hints(Row)
-BEGINNING = Row._make(0 if kind is int else NAN for kind in KINDS.values())._replace(
-    seconds=0.0
-)  # before the first one
+# The row before the first iteration.
+BEGINNING = Row._make(0 if kind is int else NAN for kind in KINDS.values())._replace(seconds=0.0)
 HEADER = ",".join(Row._fields)
 
 

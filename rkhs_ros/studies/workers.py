@@ -75,10 +75,11 @@ def _cluster(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise OSError(f"--jobs: expected a Dask scheduler at {address}, got none ({error})") from error
     with client:
-        if not client.nthreads():
-            print(f"waiting for workers at {address}", file=sys.stderr, flush=True)
         client.get_versions(check=True, packages=SAME_ON_ALL)
-        most = max(client.nthreads().values(), default=1)
+        threads = client.nthreads()
+        if not threads:
+            print(f"waiting for workers at {address}", file=sys.stderr, flush=True)
+        most = max(threads.values(), default=1)
         require(most == 1, "--jobs", "workers of one thread (dask worker --nthreads 1)", f"{most} threads")
         executor = client.get_executor(pure=False)
         try:

@@ -165,13 +165,7 @@ def _optimise(
         validation.consider_earlier(replace(each, noise="white", action_repeat=1))
     first = np.sqrt(experience.first_variance)
     number = 0
-    for share in (1.0, NARROW):
-        if share == NARROW:  # nothing was better than an earlier policy, so improve that
-            if validation.best is None or validation.best is not validation.kept:
-                break
-            start = validation.best.policy
-            validation.resume()
-        deviation = share * first
+    for deviation in (first, NARROW * first):
         policy = replace(start, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
         memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
         memory = memory.with_inputs(policy.inputs)
@@ -186,6 +180,10 @@ def _optimise(
             number += 1
             if number % VALIDATE_EVERY == 0 or number == settings.updates:
                 validation.consider(policy)
+        if validation.kept is None or validation.best is not validation.kept:
+            break
+        start = validation.kept.policy  # nothing new is better, so improve this one
+        validation.resume()
     if validation.best is None:  # the updates had no direction
         return policy, metrics, float(rollouts.returns(discount).mean())
     return validation.best.policy, metrics, validation.best.mean

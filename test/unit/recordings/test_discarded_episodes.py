@@ -75,9 +75,8 @@ def test_completed_episodes_do_not_depend_on_the_order_of_messages(whole: Path, 
     for each in (recording, *shuffles(recording)):
         found = each.by_numbers()
         assert all(same_batch(found[key], one) for key, one in expected.by_numbers().items())
-        assert [one.time for one in each.by_numbers().values()] == sorted(
-            one.time for one in each.by_numbers().values()
-        )
+        times = [one.time for one in found.values()]
+        assert times == sorted(times)
         assert all(np.array_equal(getattr(each.episodes(), a), getattr(recording.episodes(), a)) for a in ARRAYS)
 
 

@@ -29,7 +29,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.conftest import model_free
+from test.unit.conftest import model_free, refuse
 
 HORIZON = 12
 PENDULUM = "rkhs/Pendulum-v0"
@@ -156,10 +156,6 @@ def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
         weights.append(policy.mean.weights)
         deviation = np.maximum(deviation * 0.97, 0.1 * np.sqrt(variance))
     return weights
-
-
-def refuse(policy: GaussianPolicy, episodes: int) -> Episodes:
-    raise AssertionError(f"asked for {episodes} episodes")
 
 
 def test_validation_chooses_among_the_same_updates() -> None:
