@@ -132,7 +132,7 @@ def strip_figure(film: Film) -> Figure:
     row = figure.subplots(1, len(moments), squeeze=False)[0]
     for axes, moment in zip(row, moments, strict=True):
         axes.imshow(film.pictures[moment])
-        axes.set(xticks=[], yticks=[], frame_on=False, xlabel=film.captions[moment])
+        axes.set(xticks=[], yticks=[], xlabel=film.captions[moment])
     return figure
 
 

@@ -46,8 +46,8 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
         pair, about = (0, count - 1), ""
         if rows > 1:
             pair, explained = view.most_informative(visited, action)
-            share = "all, as it does not vary" if isnan(explained) else f"{max(explained, 0.0):.0%}"
-            about = f"the 2 of {count} inputs that explain most: {share}"
+            share = "all" if isnan(explained) else f"{max(explained, 0.0):.0%}"
+            about = f"2 of {count} inputs, which explain {share} of the action"
             _draw_times(panels[1, action], view, spaces, singles[0], action)
         draw_policy(panels[0, action], view, spaces, singles, pair, action)
         legend_above(panels[0, action], about)
