@@ -131,10 +131,6 @@ class MeteredRunner:
         self._runner = runner_of(trial.config.environment)
         self.spaces = self._runner.spaces
 
-    def capacity(self, num_envs: int) -> int:
-        """Return 1: no episodes run in advance of an evaluation."""
-        return 1
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
         episodes = self._runner.collect(policy, batch)

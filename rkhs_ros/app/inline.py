@@ -32,7 +32,12 @@ OF_PYTHON = (
 
 def runner_of(environment: Environment) -> InlineRunner:
     """Return a runner of policies in an environment; raise ValueError if it cannot be used here, such as a robot."""
-    require(not environment.nodes, environment.id, "an environment of this process", "a robot, which needs topics (see rkhs status)")
+    require(
+        not environment.nodes,
+        environment.id,
+        "an environment of this process",
+        "a robot, which needs topics (see rkhs status)",
+    )
     try:
         return InlineRunner(Simulation(environment.id, environment.options, environment.num_envs))
     except ValueError as error:

@@ -261,12 +261,6 @@ class Execution:
 Record = Callable[[Batch, Episodes, list[Execution]], None]
 
 
-def record_kinds(record: Record, batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
-    """Record a batch, evaluation episodes first, because exploring ones that ran ahead are used after them."""
-    for kind, rows in reversed(batch.kinds):
-        record(kind, episodes.take(rows), executions[rows])
-
-
 def discard(batch: Batch, episodes: Episodes, executions: list[Execution]) -> None:
     """Discard finished episodes; the default callback of runners.
 

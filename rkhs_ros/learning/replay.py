@@ -24,13 +24,13 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
     envs, decisions = np.nonzero(episodes.mask[:, ::repeat])
     decided = episodes.actions[:, ::repeat]
     points = policy.inputs.unfold(episodes.observations[:, ::repeat], decided)[envs, decisions]
-    draws = policy.exploration(batch)  # of the first environments
-    exploring = envs < len(draws)
-    exploration = draws[envs[exploring], decisions[exploring]]
+    exploration = policy.exploration(batch)[envs, decisions] if batch.explore else None
     expected = np.zeros_like(decided)
     for begin in range(0, len(points), SAMPLES_AT_ONCE):
         part = slice(begin, begin + SAMPLES_AT_ONCE)
-        expected[envs[part], decisions[part]] = policy.act(points[part], exploration[part])
+        expected[envs[part], decisions[part]] = policy.act(
+            points[part], None if exploration is None else exploration[part]
+        )
     held = np.repeat(expected, repeat, axis=1)[:, : episodes.horizon]
     wrong = (held != episodes.actions).any(axis=2) & episodes.mask
     if wrong.any():

@@ -26,7 +26,6 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 
 EARLIER = 5  # policies before the newest one that model-based training may return to
-MOST_SAMPLES_AHEAD = 10**5  # largest batch that may run exploration episodes ahead; larger ones only cost memory
 
 
 class Runner(Protocol):
@@ -36,18 +35,12 @@ class Runner(Protocol):
     def spaces(self) -> Spaces:
         """Shape of an observation and bounds of the actions."""
 
-    def capacity(self, num_envs: int) -> int:
-        """Return how many of ``num_envs`` environments can run in parallel."""
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Run the episodes of a batch with the policy."""
 
 
 class Collector:
     """Collects episodes and counts them.
-
-    The evaluation episodes after an update and the exploration episodes of the next iteration use the same policy. If
-    there is capacity for both, they run in parallel in one batch, which halves the number of steps.
 
     Args:
         training: the learner's settings.
@@ -62,20 +55,18 @@ class Collector:
         self.evaluated = state.evaluated
         self.steps = state.steps
         self._tried: list[Episodes] = []
-        self._ahead: Episodes | None = None
 
-    def explore(self, policy: GaussianPolicy) -> Episodes:
-        """Return the exploration episodes of an iteration, which may have run ahead with the last evaluation."""
-        ahead, self._ahead = self._ahead, None
-        batch = self._exploring(self._training.episodes_per_iteration)
-        self.explored += batch.num_envs
-        return self._counted(self._runner.collect(policy, batch) if ahead is None else ahead)
+    def explore(self, policy: GaussianPolicy, episodes: int) -> Episodes:
+        """Run exploration episodes."""
+        batch = Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
+        explored = self._runner.collect(policy, batch)
+        self.explored += episodes
+        self.steps += explored.count
+        return explored
 
     def try_out(self, policy: GaussianPolicy, episodes: int) -> Episodes:
         """Run exploration episodes to try a step size; return them with the policy's inputs as observations."""
-        batch = self._exploring(episodes)
-        self.explored += episodes
-        tried = self._counted(self._runner.collect(policy, batch))
+        tried = self.explore(policy, episodes)
         self._tried.append(tried)
         discount, spaces = self._training.discount, self._runner.spaces
         return tried.decisions(policy.action_repeat, discount, spaces).with_inputs(policy.inputs)
@@ -85,33 +76,12 @@ class Collector:
         tried, self._tried = tuple(self._tried), []
         return tried
 
-    def evaluate(self, policy: GaussianPolicy, *, explores_next: bool) -> Episodes:
-        """Run evaluation episodes, and the next exploring ones ahead if there is capacity.
-
-        Args:
-            policy: the policy.
-            explores_next: whether there is a next iteration, in which the policy explores.
-        """
+    def evaluate(self, policy: GaussianPolicy) -> Episodes:
+        """Run evaluation episodes."""
         training = self._training
         batch = Batch(training.seed, self.evaluated, training.evaluation_episodes, training.horizon, explore=False)
         self.evaluated += batch.num_envs
-        if not (explores_next and self._has_capacity_for_both()):
-            return self._runner.collect(policy, batch)
-        ahead = self._exploring(training.episodes_per_iteration)
-        both = self._runner.collect(policy, ahead.with_evaluation(batch))
-        self._ahead = both.take(slice(ahead.num_envs))
-        return both.take(slice(ahead.num_envs, None))
-
-    def _counted(self, episodes: Episodes) -> Episodes:
-        self.steps += episodes.count
-        return episodes
-
-    def _exploring(self, episodes: int) -> Batch:
-        return Batch(self._training.seed, self.explored, episodes, self._training.horizon, explore=True)
-
-    def _has_capacity_for_both(self) -> bool:
-        num_envs = self._training.num_envs
-        return num_envs * self._training.horizon <= MOST_SAMPLES_AHEAD and self._runner.capacity(num_envs) >= num_envs
+        return self._runner.collect(policy, batch)
 
 
 def train(training: Training, runner: Runner, state: State | None = None) -> Iterator[Iteration]:
@@ -135,7 +105,7 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
-    exploration = collector.explore(state.policy)
+    exploration = collector.explore(state.policy, training.episodes_per_iteration)
     policy = with_action_repeat(state, training, exploration)
     earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
@@ -162,8 +132,7 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
         model_return, model_error, optimistic = float("nan"), float("nan"), False
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0
-    explores_next = done < training.iterations
-    evaluation = collector.evaluate(policy, explores_next=explores_next) if due else exploration.take(slice(0))
+    evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
     return Iteration(
         before=Known.at(state, training),
         state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps, earlier),

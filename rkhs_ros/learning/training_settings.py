@@ -120,8 +120,8 @@ class Training(Settings):
 
     @property
     def num_envs(self) -> int:
-        """Maximum number of parallel episodes: those of an evaluation and the exploring ones after it."""
-        return self.episodes_per_iteration + self.evaluation_episodes
+        """Maximum number of parallel episodes: those of an evaluation, or the exploring ones."""
+        return max(self.episodes_per_iteration, self.evaluation_episodes)
 
 
 def training_from(tree: Mapping[str, Any]) -> Training:

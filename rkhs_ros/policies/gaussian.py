@@ -51,15 +51,13 @@ class GaussianPolicy:
             d = self.mean.input_dim
             require(self.variance.input_dim == d, "variance centres", f"{d} columns", self.variance.input_dim)
 
-    def act(self, observations: Array, exploration: Array) -> Array:
-        """Return actions, shape (batch, n): explore with standard normal draws in the first rows, else use the mean."""
-        actions, exploring = self.mean(observations), len(exploration)
-        if exploring:
-            actions[:exploring] += np.sqrt(self.variance(observations[:exploring])) * exploration
-        return actions
+    def act(self, observations: Array, exploration: Array | None) -> Array:
+        """Return actions, shape (batch, n), that explore with standard normal draws; without any, the mean."""
+        actions = self.mean(observations)
+        return actions if exploration is None else actions + np.sqrt(self.variance(observations)) * exploration
 
     def exploration(self, batch: Batch) -> Array:
-        """Return the noise of all exploration episodes, each draw N(0, 1), shape (exploring, decisions, n)."""
+        """Return the noise of exploration episodes, each draw N(0, 1), shape (num_envs, decisions, n)."""
         return FILTERS[self.noise](batch.exploration(self.mean.output_dim, self.decisions(batch.horizon)))
 
     @property
@@ -98,7 +96,7 @@ class Acting:
     Args:
         policy: the policy for the whole batch.
         batch: the episodes.
-        explore: whether exploration episodes sample their actions; otherwise all episodes use the mean.
+        explore: whether actions are sampled; otherwise they are the mean.
 
     Attributes:
         points: inputs of the last decision, shape (num_envs, input_dim).
@@ -111,7 +109,6 @@ class Acting:
         self.batch = batch
         self._explore = explore
         mean, variance = policy.mean, policy.variance
-        self._decisions = policy.decisions(batch.horizon)
         numbers = batch.num_envs * max(batch.horizon * mean.output_dim, *mean.centres.shape)
         require(numbers <= MOST_NUMBERS, "batch", f"at most {MOST_NUMBERS} numbers", numbers)
         self._mean = mean.prepared()
@@ -137,12 +134,9 @@ class Acting:
     @np.errstate(over="ignore", invalid="ignore")  # the check below reports environment and step
     def _act(self, step: int, points: Array) -> Array:
         actions = self._mean(points)
-        noise = self._exploration[:, step // self.policy.action_repeat]
-        exploring = len(noise)
-        if exploring:
-            if self._constant_sd is None:
-                noise = np.sqrt(self.policy.variance(points[:exploring])) * noise
-            actions[:exploring] += noise
+        if self._explore:
+            noise = self._exploration[:, step // self.policy.action_repeat]
+            actions += noise if self._constant_sd is not None else np.sqrt(self.policy.variance(points)) * noise
         if not all_finite(actions):
             row = int(np.isfinite(actions).all(axis=1).argmin())
             raise RunError(
@@ -157,8 +151,5 @@ class Acting:
 
         It is drawn on first use, after the observations were checked.
         """
-        policy = self.policy
-        if not self._explore:
-            return np.zeros((0, self._decisions, policy.mean.output_dim))
-        draws = policy.exploration(self.batch)
+        draws = self.policy.exploration(self.batch)
         return draws if self._constant_sd is None else self._constant_sd * draws

@@ -42,8 +42,6 @@ class Batch:
         horizon: maximum number of steps per episode.
         explore: whether actions are sampled from the policy; otherwise they are its mean. Exploring and evaluation
             episodes of the same number have different streams.
-        num_evaluation: number of evaluation episodes, which follow the exploring ones in the same batch.
-        first_evaluation: number of the first of these evaluation episodes; 0 if there are none.
     """
 
     seed: int
@@ -51,8 +49,6 @@ class Batch:
     num_envs: int
     horizon: int
     explore: bool
-    num_evaluation: int = 0
-    first_evaluation: int = 0
 
     def __post_init__(self) -> None:
         """Raise ValueError if a number is out of range."""
@@ -62,48 +58,15 @@ class Batch:
         require(1 <= self.horizon <= 1_000_000, "horizon", "1 to 1000000 steps", self.horizon)
         samples = self.num_envs * self.horizon
         require(samples <= MAX_BATCH_SAMPLES, "num_envs and horizon", f"at most {MAX_BATCH_SAMPLES} samples", samples)
-        most = self.num_envs - 1 if self.explore else 0
-        require(0 <= self.num_evaluation <= most, "num_evaluation", f"at most {most} episodes", self.num_evaluation)
-        last = 2**63 - 1 if self.num_evaluation else 0
-        require(0 <= self.first_evaluation <= last, "first_evaluation", f"0 to {last}", self.first_evaluation)
-
-    @property
-    def keys(self) -> list[tuple[bool, int]]:
-        """Whether the episode of each environment explores, and its number among the episodes of its kind."""
-        numbers = range(self.first_episode, self.first_episode + self.num_envs - self.num_evaluation)
-        evaluation = range(self.first_evaluation, self.first_evaluation + self.num_evaluation)
-        return [(self.explore, number) for number in numbers] + [(False, number) for number in evaluation]
 
     @property
     def episodes(self) -> list[int]:
         """Episode number of each environment."""
-        return [number for _, number in self.keys]
-
-    @property
-    def kinds(self) -> list[tuple[Batch, slice]]:
-        """The exploring and the evaluation episodes as one batch each, with their environments; none is empty."""
-        ends = [0, self.num_envs - self.num_evaluation, self.num_envs]
-        return [(self.part(begin, end), slice(begin, end)) for begin, end in pairwise(ends) if end > begin]
-
-    def with_evaluation(self, evaluation: Batch) -> Batch:
-        """Return a batch of these exploration episodes followed by evaluation episodes of the same run."""
-        count, first = evaluation.num_envs, evaluation.first_episode
-        return replace(self, num_envs=self.num_envs + count, num_evaluation=count, first_evaluation=first)
+        return list(range(self.first_episode, self.first_episode + self.num_envs))
 
     def part(self, begin: int, end: int) -> Batch:
         """Return a batch with the episodes of environments ``begin`` to ``end - 1``, where ``begin < end``."""
-        first_kind = self.num_envs - self.num_evaluation
-        if begin >= first_kind:
-            first = self.first_evaluation + begin - first_kind
-            return Batch(self.seed, first, end - begin, self.horizon, explore=False)
-        num_evaluation = max(end - first_kind, 0)
-        return replace(
-            self,
-            first_episode=self.first_episode + begin,
-            num_envs=end - begin,
-            num_evaluation=num_evaluation,
-            first_evaluation=self.first_evaluation if num_evaluation else 0,
-        )
+        return replace(self, first_episode=self.first_episode + begin, num_envs=end - begin)
 
     def split(self, parts: int) -> list[Batch]:
         """Split the batch in order into ``parts`` batches of similar size; fewer if there are fewer environments."""
@@ -116,24 +79,20 @@ class Batch:
 
     def environment_seeds(self) -> list[int]:
         """Return the seed of each environment."""
-        return [stream_seed(self.seed, _name("environment", explore), number) for explore, number in self.keys]
+        kind = "training" if self.explore else "evaluation"
+        return [stream_seed(self.seed, f"{kind}/environment", number) for number in self.episodes]
 
     def exploration(self, action_dim: int, decisions: int | None = None) -> NDArray[np.float64]:
-        """Return the standard normal draws of all exploration episodes, shape (exploring, decisions, action_dim).
+        """Return the standard normal draws of exploration episodes, shape (num_envs, decisions, action_dim).
 
         Args:
             action_dim: dimension n of an action.
             decisions: number of decisions of an episode; None for one per step.
         """
-        numbers = [number for explore, number in self.keys if explore]
-        draws = np.empty((len(numbers), self.horizon if decisions is None else decisions, action_dim))
-        for row, number in enumerate(numbers):
-            stream(self.seed, _name("exploration", True), number).standard_normal(out=draws[row])
+        draws = np.empty((self.num_envs, self.horizon if decisions is None else decisions, action_dim))
+        for row, number in enumerate(self.episodes):
+            stream(self.seed, "training/exploration", number).standard_normal(out=draws[row])
         return draws
-
-
-def _name(of: str, explore: bool) -> str:
-    return f"{'training' if explore else 'evaluation'}/{of}"
 
 
 TAPS = 1000  # length of the filter in steps; over longer times the noise is white

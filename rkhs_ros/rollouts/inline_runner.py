@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.learning.episodes import Episodes, Record, discard, record_kinds
+from rkhs_ros.learning.episodes import Episodes, Record, discard
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
@@ -33,13 +33,9 @@ class InlineRunner:
         """Close the simulation."""
         self.simulation.close()
 
-    def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run in one batch."""
-        return self.simulation.capacity(num_envs)
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy; run a batch that exceeds the capacity in parts."""
-        parts = batch.parts(self.capacity(batch.num_envs))
+        parts = batch.parts(self.simulation.capacity(batch.num_envs))
         return Episodes.concatenate(self._together(policy, part) for part in parts)
 
     def _together(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
@@ -55,7 +51,7 @@ class InlineRunner:
             step += 1
             recorder.observed(step, frame)
         episodes = recorder.episodes()
-        record_kinds(self.record, batch, episodes, [])
+        self.record(batch, episodes, [])
         return episodes
 
     def _actions(self, acting: Acting, step: int, observations: Array) -> Array:

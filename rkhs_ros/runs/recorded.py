@@ -57,10 +57,6 @@ class RecordingRunner:
         """Shape of an observation, and bounds of the actions."""
         return self._runner.spaces
 
-    def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments can run in one batch."""
-        return self._runner.capacity(num_envs)
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
         self._recorder.serve(policy)

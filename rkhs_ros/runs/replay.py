@@ -35,10 +35,6 @@ class RecordedRunner:
         self._recording = recording
         self._episodes = recording.by_numbers()
 
-    def capacity(self, num_envs: int) -> int:
-        """Return 1: each episode is looked up only when needed."""
-        return 1
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         """Return the episodes of a batch under the policy."""
         return Episodes.concatenate(self._episode(policy, part) for part in batch.parts(1))

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 EPISODE = 20  # steps
-GOOD_STEPS = 70  # per environment: three batches, enough for two iterations, and ten steps of the fourth
+GOOD_STEPS = 90  # per environment: four batches, enough for two iterations, and ten steps of the fifth
 MENDED = Path("mended")  # exists after the repair
 CRASHED = Path("crashed")  # exists after the first crash of the process; from then on it crashes every time
 

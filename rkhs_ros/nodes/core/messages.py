@@ -60,8 +60,6 @@ def batch_of(message: msg.Observation | StartEpisodes.Request) -> Batch:
         num_envs=message.num_envs,
         horizon=message.horizon,
         explore=message.explore,
-        num_evaluation=message.num_evaluation,
-        first_evaluation=message.first_evaluation,
     )
 
 

@@ -6,7 +6,7 @@ from functools import partial
 from rkhs_interfaces import msg
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.endings import RunError
-from rkhs_ros.learning.episodes import Episodes, Record, discard, record_kinds
+from rkhs_ros.learning.episodes import Episodes, Record, discard
 from rkhs_ros.nodes.core.peers import Peers, fresh_number
 from rkhs_ros.nodes.core.spin import ReportingNode
 from rkhs_ros.nodes.lockstep.simulator_link import SIMULATOR, FinishedBatch, SimulatorLink, discard_reason
@@ -55,10 +55,6 @@ class TopicRunner:
         """Whether episodes run on a robot, so that they cannot be reproduced."""
         return self._simulator.is_robot
 
-    def capacity(self, num_envs: int) -> int:
-        """Return how many of the environments, up to the size of the coming batches, can run in parallel."""
-        return min(num_envs, self._simulator.task.capacity)
-
     def heartbeat(self) -> float:
         """Send due heartbeats to a robot; return the seconds until the next one."""
         return self._simulator.heartbeat()
@@ -79,7 +75,7 @@ class TopicRunner:
 
     def _collected(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         self._serve(policy)
-        parts = deque(batch.parts(self.capacity(batch.num_envs)))
+        parts = deque(batch.parts(self._simulator.task.capacity))
         done: dict[Batch, Episodes] = {}
         try:
             while parts:
@@ -92,9 +88,7 @@ class TopicRunner:
         finally:
             self._record_ended()  # even if the run is stopped, because it may be resumed
         self._simulator.release()
-        return Episodes.concatenate(
-            done[part] for part in sorted(done, key=lambda part: (not part.explore, part.first_episode))
-        )
+        return Episodes.concatenate(done[part] for part in sorted(done, key=lambda part: part.first_episode))
 
     def _serve(self, policy: GaussianPolicy) -> None:
         """Send a policy to the policy node, unless the node serves it already."""
@@ -130,5 +124,5 @@ class TopicRunner:
     def _record_ended(self) -> None:
         """Record the episodes that have ended, including those that were discarded or vetoed."""
         for finished in self._simulator.ended:
-            record_kinds(self.record, *finished)
+            self.record(*finished)
         self._simulator.ended.clear()

@@ -23,15 +23,6 @@ KERNELS: list[Kernel] = [
     RBF((2.0,)) * Polynomial(1.0, 2),
 ]
 
-KINDS = ("exploring", "evaluation", "both")
-
-
-def make_batch(kinds: str, seed: int, rows: int, horizon: int) -> Batch:
-    exploring, num_evaluation = (Batch(seed, 40, rows, horizon, explore=explore) for explore in (True, False))
-    return {"exploring": exploring, "evaluation": num_evaluation, "both": exploring.with_evaluation(num_evaluation)}[
-        kinds
-    ]
-
 
 def make_policy(rng: np.random.Generator, inputs: Inputs, d: int, n: int, noise: str = "white") -> GaussianPolicy:
     size, m = inputs.dimension(d, n), int(rng.choice([1, 2, 20]))
@@ -62,29 +53,29 @@ def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch
 @settings(max_examples=60)
 @given(
     st.integers(0, 10**6),
-    st.sampled_from(KINDS),
+    st.booleans(),
     st.sampled_from([1, 1, 2, 4]),
     st.sampled_from([0, 0, 2]),
     st.integers(0, 3),
     st.sampled_from(NOISES),
 )
 def test_the_actions_of_the_policy_that_acted_pass(
-    seed: int, kinds: str, history: int, degree: int, angles: int, noise: str
+    seed: int, explore: bool, history: int, degree: int, angles: int, noise: str
 ) -> None:
     rng = np.random.default_rng(seed)
     d, n = int(rng.integers(3, 5)), int(rng.integers(1, 3))
     columns = tuple(float(column) for column in rng.permutation(d)[:angles])
     policy = make_policy(rng, Inputs(history, columns or "none", degree=degree), d, n, noise)
-    batch = make_batch(kinds, seed, int(rng.integers(1, 9)), int(rng.integers(1, 20)))
+    batch = Batch(seed, 40, int(rng.integers(1, 9)), int(rng.integers(1, 20)), explore=explore)
     check_actions(make_episodes(rng, policy, batch, d), policy, batch)
 
 
 @pytest.mark.parametrize("history", [1, 3])
-@pytest.mark.parametrize(("kinds", "noise"), [(KINDS[0], "white"), (KINDS[2], "pink"), (KINDS[1], "white")])
-def test_one_changed_bit_of_an_action_is_detected(history: int, kinds: str, noise: str) -> None:
+@pytest.mark.parametrize(("explore", "noise"), [(True, "white"), (True, "pink"), (False, "white")])
+def test_one_changed_bit_of_an_action_is_detected(history: int, explore: bool, noise: str) -> None:
     rng = np.random.default_rng(0)
     policy = make_policy(rng, Inputs(history), 3, 2, noise)
-    batch = make_batch(kinds, 1, 6, SAMPLES_AT_ONCE // 3)
+    batch = Batch(1, 40, 6, SAMPLES_AT_ONCE // 3, explore=explore)
     episodes = make_episodes(rng, policy, batch, 3)
     for row, step in ((0, 0), (5, int(episodes.mask[5].sum()) - 1), (3, 1)):
         actions = episodes.actions.copy()

@@ -28,7 +28,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import columns
-from test.unit.conftest import arrays_of, model_free
+from test.unit.conftest import model_free
 
 SHORT = model_free(iterations=3, episodes_per_iteration=4, evaluation_episodes=2, horizon=10, exploration_sd=(0.5,))
 CONFIG = Path(__file__).parents[3] / "config"
@@ -79,15 +79,11 @@ def test_a_kernel_without_support_for_the_learnt_variance_is_rejected_early() ->
 class Watching:
     """A runner that stores its requests and results."""
 
-    def __init__(self, num_envs: int = 1) -> None:
+    def __init__(self) -> None:
         self._runner = InlineRunner(Simulation("rkhs/Toy-v0"))
         self.spaces = self._runner.spaces
         self.batches: list[Batch] = []
         self.episodes: list[Episodes] = []
-        self._num_envs = num_envs
-
-    def capacity(self, num_envs: int) -> int:
-        return min(num_envs, self._num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         self.batches.append(batch)
@@ -113,23 +109,14 @@ def test_each_iteration_uses_new_episodes_and_reports_them() -> None:
         )
 
 
-@pytest.mark.parametrize(("algorithm", "every"), [(RKHSNAC(), 0), (RKHSNAC(), 2), (RKHSNAC(step=LineSearch()), 1)])
-def test_exploring_episodes_that_run_ahead_are_bit_identical(algorithm: RKHSNAC, every: int) -> None:
-    training = replace(SHORT, algorithm=algorithm, evaluate_every=every)
-    one_by_one, together = Watching(num_envs=5), Watching(num_envs=6)
-    for one, other in zip(train(training, one_by_one), train(training, together), strict=True):
-        a, b = arrays_of(one), arrays_of(other)
-        assert a.keys() == b.keys()
-        assert all(a[name].tobytes() == b[name].tobytes() for name in a)
-        assert len(one.tried) == len(other.tried) == (50 if isinstance(algorithm.step, LineSearch) else 0)
-    ahead = [batch for batch in together.batches if batch.num_evaluation]
-    assert len(one_by_one.batches) - len(together.batches) == len(ahead) == {0: 0, 1: 2, 2: 1}[every]
-    steps = [sum(each.count for each in (i.exploration, *i.tried)) for i in train(training, Watching())]
-    assert [i.state.steps for i in train(training, Watching())] == np.cumsum(steps).tolist()
-    assert {key for batch in one_by_one.batches for key in batch.keys} == {
-        key for batch in together.batches for key in batch.keys
-    }  # none after the last iteration
-    assert sum(batch.num_envs for batch in one_by_one.batches) == sum(batch.num_envs for batch in together.batches)
+@pytest.mark.parametrize(("algorithm", "every"), [(RKHSNAC(), 2), (RKHSNAC(step=LineSearch()), 1)])
+def test_evaluation_is_as_often_as_asked_and_all_exploring_steps_count(algorithm: RKHSNAC, every: int) -> None:
+    runner = Watching()
+    iterations = list(train(replace(SHORT, algorithm=algorithm, evaluate_every=every), runner))
+    assert [len(i.evaluation) > 0 for i in iterations] == [i.number % every == 0 for i in iterations]
+    assert all(len(i.tried) == (50 if every == 1 else 0) for i in iterations)
+    steps = [sum(each.count for each in (i.exploration, *i.tried)) for i in iterations]
+    assert [i.state.steps for i in iterations] == np.cumsum(steps).tolist()
 
 
 def test_the_median_bandwidth_of_the_first_iteration_does_not_change() -> None:
@@ -165,15 +152,11 @@ class Numbered:
     def __init__(self) -> None:
         self.batches: list[Batch] = []
 
-    def capacity(self, num_envs: int) -> int:
-        return num_envs
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         shape = (batch.num_envs, batch.horizon)
         self.batches.append(batch)
-        explore, numbers = zip(*batch.keys, strict=True)
-        numbers = np.broadcast_to(np.array(numbers)[:, None, None], (*shape, 2)).astype(float)
-        rewards = np.broadcast_to(np.array(explore)[:, None], shape).astype(float)
+        numbers = np.broadcast_to(np.array(batch.episodes)[:, None, None], (*shape, 2)).astype(float)
+        rewards = np.full(shape, float(batch.explore))
         return Episodes.without_ends(numbers, np.zeros((*shape, 1)), rewards, np.ones(shape, bool))
 
 
@@ -200,11 +183,11 @@ def test_no_episode_number_repeats_and_exploring_episodes_are_counted() -> None:
     numbers: dict[bool, list[float]] = {True: [], False: []}
     asked = (
         (True, inputs.dimension(2, 1), lambda: collector.try_out(policy, 2)),
-        (False, 2, lambda: collector.evaluate(policy, explores_next=False)),
+        (False, 2, lambda: collector.evaluate(policy)),
         (True, inputs.dimension(2, 1), lambda: collector.try_out(policy, 5)),
-        (False, 2, lambda: collector.evaluate(policy, explores_next=True)),
-        (True, 2, lambda: collector.explore(policy)),
-        (True, 2, lambda: collector.explore(policy)),
+        (False, 2, lambda: collector.evaluate(policy)),
+        (True, 2, lambda: collector.explore(policy, 4)),
+        (True, 2, lambda: collector.explore(policy, 4)),
     )
     for explore, dimension, ask in asked:
         got = ask()
@@ -215,14 +198,6 @@ def test_no_episode_number_repeats_and_exploring_episodes_are_counted() -> None:
     assert (collector.explored, collector.evaluated) == (15, 6)
     assert collector.steps == 4 * 15
     assert [len(each) for each in (collector.take_tried(), collector.take_tried())] == [2, 0]
-
-
-@pytest.mark.parametrize(("horizon", "together"), [(10_000, True), (10_001, False)])
-def test_no_episodes_run_ahead_in_large_batches(horizon: int, together: bool) -> None:
-    training, runner = replace(SHORT, episodes_per_iteration=8, horizon=horizon), Numbered()
-    state = first_state(training, runner.spaces)
-    assert len(Collector(training, runner, state).evaluate(state.policy, explores_next=True)) == 2
-    assert [batch.num_envs for batch in runner.batches] == [10 if together else 2]
 
 
 @pytest.mark.slow

@@ -51,9 +51,6 @@ class Robot:
         self._to_veto = set(vetoed)
         self._period = period
 
-    def capacity(self, num_envs: int) -> int:
-        return 1
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         parts, done = deque(batch.parts(1)), {}
         while parts:

@@ -18,12 +18,11 @@ class Stopping:
 
     environment: ClassVar = Environment("rkhs/Toy-v0", {})
 
-    def __init__(self, batches: float = float("inf"), error: BaseException | None = None, num_envs: int = 1) -> None:
+    def __init__(self, batches: float = float("inf"), error: BaseException | None = None) -> None:
         self._runner = InlineRunner(Simulation(self.environment.id, self.environment.options))
         self.spaces = self._runner.spaces
         self._batches = batches
         self._error = error or KeyboardInterrupt()
-        self._num_envs = num_envs
         self._seed: int | None = None
 
     @property
@@ -33,9 +32,6 @@ class Stopping:
     @record.setter
     def record(self, record: Record) -> None:
         self._runner.record = record
-
-    def capacity(self, num_envs: int) -> int:
-        return min(num_envs, self._num_envs)
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Any:
         self._seed = batch.seed if self._seed is None else self._seed

@@ -38,9 +38,9 @@ def longer(iterations: int, **changes: Any) -> Config:
     return replace(CONFIG, training=replace(TRAINING, iterations=iterations, **changes))
 
 
-def stopped(folder: Path, batches: int, config: Config = CONFIG, num_envs: int = 1) -> Path:
+def stopped(folder: Path, batches: int, config: Config = CONFIG) -> Path:
     with pytest.raises(KeyboardInterrupt):
-        run_training(config, Stopping(batches, num_envs=num_envs), folder, quiet=True)
+        run_training(config, Stopping(batches), folder, quiet=True)
     return folder
 
 
