@@ -1,6 +1,6 @@
 """Compare the lockstep over topics with a raw round trip of the same message, and a run with one in process.
 
-Simulator and policy node run in separate processes, and in one. Compare the ratios, since machines are noisy.
+Compare the ratios, since machines are noisy.
 """
 
 import os
@@ -10,7 +10,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
@@ -24,7 +23,7 @@ from rclpy.experimental import EventsExecutor
 import sim_nodes.envs  # noqa: F401  # registers the tasks
 from command import parser
 from rkhs_interfaces.msg import Observation
-from rkhs_ros.app.launcher import COMPOSED, started, write_parameters
+from rkhs_ros.app.launcher import started, write_parameters
 from rkhs_ros.learning.training import train
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, observation_message
 from rkhs_ros.nodes.core.transport import by_udp
@@ -90,19 +89,13 @@ def seconds_per_call(call, times: int) -> float:
     return median(rounds)
 
 
-def over_topics(config: Config, policy: GaussianPolicy, names: tuple[str, ...]) -> tuple[float, float]:
-    """Return the seconds of a step and of a run, with this process as the learner; call it once per process.
-
-    Args:
-        config: configuration of the run.
-        policy: policy of the steps.
-        names: names of the other processes.
-    """
+def over_topics(config: Config, policy: GaussianPolicy) -> tuple[float, float]:
+    """Return the seconds of a step and of a run, with this process as the learner; call it once per process."""
     batch = batch_of(config)
     with tempfile.TemporaryDirectory() as folder:
         parameters = write_parameters(config, Path(folder) / "parameters.yaml")
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
-        with started(names, parameters):
+        with started(("simulator", "policy"), parameters):
             learner = LearnerNode()
             learner.open()
             runner = learner.runner
@@ -141,14 +134,10 @@ def main(trips: int, changes: Sequence[str]) -> None:
     print(f"raw ping-pong of the same message, two processes  {1e6 * raw:8.0f} us")
     print(f"in process: a step of {batch.num_envs} environments            {1e6 * inline_step:8.0f} us")
     print(f"            a pendulum run                        {inline_run:8.2f} s")
-    kinds = (("simulator", "policy"), (COMPOSED,))
-    with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a learner exits if there is another one
-        measured = pool.starmap(over_topics, [(config, last.policy, names) for names in kinds], chunksize=1)
-    for names, (step, run) in zip(kinds, measured, strict=True):
-        print(f"over topics, {len(names) + 1} processes:")
-        print(f"            a step {1e6 * step:31.0f} us   {step / raw:.2f} times the ping-pong (aim 1.5)")
-        print(f"            environment steps per second {batch.num_envs / step:9.0f}")
-        print(f"            a pendulum run {run:23.2f} s    {run / inline_run:.2f} times in process (aim 2.5)")
+    step, run = over_topics(config, last.policy)
+    print(f"over topics: a step {1e6 * step:30.0f} us   {step / raw:.2f} times the ping-pong (aim 1.5)")
+    print(f"            environment steps per second {batch.num_envs / step:9.0f}")
+    print(f"            a pendulum run {run:23.2f} s    {run / inline_run:.2f} times in process (aim 2.5)")
 
 
 if __name__ == "__main__":

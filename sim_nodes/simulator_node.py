@@ -54,11 +54,7 @@ class SimulatorNode(ReportingNode):
         self.get_logger().info(f"ready for episodes of {self._simulation.environment}")
 
     def heartbeat(self) -> float:
-        """Publish the status if due; return the seconds until the next one.
-
-        Raises:
-            SilentError: the policy node did not act in time.
-        """
+        """Publish the status if due; return the seconds until the next one."""
         now = time.monotonic()
         if self._batch is not None and 0 < self._timeout < now - self._published_at:
             raise SilentError(f"the policy node did not act within {self._timeout:g} s")

@@ -94,15 +94,7 @@ def add_settings_argument(parser: argparse.ArgumentParser, example: str) -> None
 def load_acting(
     policy: Policy | str | Path, source: Source | None = None
 ) -> Iterator[tuple[GaussianPolicy, Task, InlineRunner]]:
-    """Load a policy; yield it with its task and a runner, which closes when the context exits.
-
-    Args:
-        policy: a policy, its file, or the folder of a run, which stands for its last policy.
-        source: the environment, as for `train`; None creates the one that the policy names.
-
-    Raises:
-        ValueError: the folder contains no policy yet, the file is damaged, or the policy does not fit the environment.
-    """
+    """Load a policy; yield it with its task and a runner, which closes when the context exits."""
     if isinstance(policy, Policy):
         gaussian, task, what = policy.gaussian, policy.task, "policy"
     else:

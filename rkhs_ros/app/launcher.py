@@ -31,10 +31,8 @@ DOMAIN = "ROS_DOMAIN_ID"
 # A process owns a domain while it binds the port PORT_BASE + domain, as the coordinator of ROS's tests does.
 PORT_BASE = 32768
 DOMAINS = range(100, 0, -1)  # from the top, since people tend to choose small numbers
-COMPOSED = "simulator+policy"  # two nodes in one process
 MODULES = {
     "simulator": "sim_nodes.simulator_node",
-    COMPOSED: "sim_nodes.composed_node",
     "gate": "rkhs_ros.nodes.robot.gate_node",
     "robot": "rkhs_ros.nodes.robot.robot_node",
     "simulated_robot": "sim_nodes.robots.simulated_robot_node",
@@ -50,7 +48,7 @@ class NodeProcess:
         self.name = name
         self.is_interrupted = False
         # The launcher prints the progress.
-        quiet = [word for each in name.split("+") for word in ("--log-level", f"{each}:=warn")]
+        quiet = ("--log-level", f"{name}:=warn")
         with deferred_signals():  # Python loses an exception that a handler raises during the fork
             self.process = subprocess.Popen(
                 [*python(MODULES[name]), "--ros-args", *quiet, "--params-file", str(parameters)],
@@ -70,14 +68,9 @@ class NodeProcess:
 Nodes = dict[str, NodeProcess]
 
 
-def launch(config: Config, parameters: Path, *, composed: bool = False) -> int:
-    """Run the nodes of a run until one ends; ``composed``: simulator and policy node share a process.
-
-    Returns:
-        Exit code of the learner, or of a node that ended earlier; `RESUMABLE` if a node died or was silent.
-    """
-    names = [COMPOSED, "learner"] if composed else node_names(config.environment.nodes)
-    with started(names, parameters) as nodes, _signals_passed_to(nodes["learner"]):
+def launch(config: Config, parameters: Path) -> int:
+    """Run the nodes of a run until one ends; return its exit code, or `RESUMABLE` if a node died or was silent."""
+    with started(node_names(config.environment.nodes), parameters) as nodes, _signals_passed_to(nodes["learner"]):
         return _supervise(nodes, config.environment.id)
 
 
@@ -146,7 +139,7 @@ def _supervise(nodes: Nodes, task: str) -> int:
     code = node.process.returncode
     if learner is not None and learner.is_interrupted:
         return code if node is learner and code > 0 and code != RESUMABLE else INTERRUPTED
-    named = f"the {node.name} node" + (f", of {task}," if "simulator" in node.name else "")
+    named = f"the {node.name} node" + (f", of {task}," if node.name == "simulator" else "")
     if node is gate:  # a person must check why it ended
         print(f"error: {named} {_how_it_ended(code)}; without it the robot must not move", file=sys.stderr)
         return code if code in (FAILED, BAD_INPUT, INTERRUPTED) else FAILED

@@ -46,11 +46,7 @@ class Film:
 
 
 def shoot(policy: GaussianPolicy, task: Task, runner: InlineRunner, *, seed: int = 0, frames: int = USUAL) -> Film:
-    """Run an episode of a policy without exploration noise, and render frames that are spread evenly over it.
-
-    Raises:
-        ValueError: a number is out of range, or the environment cannot be rendered.
-    """
+    """Run an episode of a policy without exploration noise, and render frames that are spread evenly over it."""
     require(FEWEST <= frames <= MOST, "frames", f"{FEWEST} to {MOST}", frames)
     batch = Batch(seed, 0, 1, task.horizon, explore=False)
     runner.simulation.start(batch)

@@ -108,10 +108,6 @@ def most_informative(action: Callable[[Array], Array], points: Array) -> tuple[t
     with the medians m. It is nan if the action is constant, and negative if the pair predicts worse than the mean. All
     pairs of the inputs that explain most individually are tried. Bandwidths are no substitute: they bound how fast the
     action may vary, not how much it varies.
-
-    Args:
-        action: one component of the actions, from points of shape (k, d) to shape (k,).
-        points: visited points, shape (k, d) with d >= 2.
     """
     some = points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).round().astype(int)]
     alone = [_left(action, some, [i]) for i in range(points.shape[1])]

@@ -59,14 +59,6 @@ def draw_policy(
 ) -> Array:
     """Draw a component of the mean action, clipped to its bounds, over one axis of the policy or over two of them.
 
-    Args:
-        axes: where to draw.
-        view: axes of the policy; if there is one, the mean is a line, otherwise a map.
-        spaces: spaces of the task.
-        episodes: single episodes to draw, the newest last; older ones are fainter.
-        pair: axes of the policy that are drawn across and upwards; the others are at the medians of the newest episode.
-        action: component of the action.
-
     Returns:
         The newest episode in the coordinates of the plot, shape (steps, 2).
     """
@@ -141,9 +133,6 @@ def draw_attempts(
 
     A single component is drawn against the reward. Of several components, the first two are drawn against each other,
     coloured by reward, those with higher rewards on top. Only successes have a reward above ``success``, if given.
-
-    Returns:
-        The actions of the final policy in the coordinates of the plot, shape (k, 2).
     """
     is_single, rewards = len(names.actions) == 1, attempts.rewards[:, 0]
     tried, chosen = (

@@ -51,12 +51,7 @@ class Joint(NamedTuple):
 
 
 class UrdfBodies:
-    """The visible bodies of a robot, from its URDF; meshes that are missing or of an unknown format are left out.
-
-    Raises:
-        ValueError: the file is no URDF, or has no visible bodies.
-        OSError: the file cannot be read.
-    """
+    """The visible bodies of a robot, from its URDF; meshes that are missing or of an unknown format are left out."""
 
     def __init__(self, file: Path) -> None:
         root = read_urdf(file)
@@ -78,10 +73,7 @@ class UrdfBodies:
     def frames(self, positions: Mapping[str, Array], count: int) -> list[Array]:
         """Return the frame of each body at a number of moments, shape (count, 4, 4).
 
-        Args:
-            positions: positions by joint, shape (count,). A joint without one follows the joint that it mimics, or
-                stays in the middle of its range.
-            count: number of moments.
+        A joint without a position follows the joint that it mimics, or stays in the middle of its range.
         """
         frames: dict[str, Array] = {}
         return [self._frame(link, positions, count, frames) @ frame for link, frame in self._places]

@@ -37,16 +37,9 @@ class Recorded:
 
     Owns the content of the recording so far, and the rows of the learning curve.
 
-    Args:
-        path: folder of a run, or an MCAP file.
-
     Attributes:
         nodes: parameters of a robot's nodes by node name; empty for a simulator.
         total: planned number of iterations.
-
-    Raises:
-        ValueError: the file is no recording, or contains no run.
-        OSError: the file does not exist.
     """
 
     def __init__(self, path: Path) -> None:

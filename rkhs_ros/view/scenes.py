@@ -108,15 +108,7 @@ class RobotScene:
 def appearance_of(
     task: Task, spaces: Spaces, nodes: Mapping[str, Mapping[str, Any]], observations: Array, actions: Array
 ) -> tuple[Names, ShowsBodies]:
-    """Return the names of a task and its scene; a timeline of its observations and actions if it defines none.
-
-    Args:
-        task: task of the run.
-        spaces: spaces of the task.
-        nodes: parameters of a robot's nodes by node name; empty for a simulator.
-        observations: of an episode, shape (steps, d).
-        actions: of that episode, shape (steps, n).
-    """
+    """Return the names of a task and its scene; a timeline of its observations and actions if it defines none."""
     widths = observations.shape[1], actions.shape[1]
     with suppress(Exception):  # the nodes do not fit the robot, or user code fails
         if nodes:

@@ -43,11 +43,7 @@ def wait_for_recording(file: Path) -> Recorded:
 
 
 def opened(host: str, port: int) -> ViserServer:
-    """Start a server at an address of this machine, on a port or the next free one.
-
-    Raises:
-        ValueError: the address does not belong to this machine. The server would wait forever.
-    """
+    """Start a server at an address of this machine, else it would wait forever, on a port or the next free one."""
     try:
         create_server((host, 0)).close()
     except (OSError, UnicodeError) as error:
@@ -64,20 +60,7 @@ def serve(
     port: int,
     on_address: Callable[[str], None],
 ) -> None:
-    """Serve the page of a run until an interrupt.
-
-    Args:
-        begun: waits for the run to start and returns it; the page is empty until then.
-        others: other runs by name, see `Page`.
-        open_reports: see `Page`.
-        host: address to listen on.
-        port: port to listen on, or the next free one.
-        on_address: called with the address of the page as soon as it is served.
-
-    Raises:
-        ValueError: the address does not belong to this machine, or no run starts.
-        KeyboardInterrupt: the process was interrupted; the page shows that it has ended.
-    """
+    """Serve the page of a run until an interrupt."""
     server = opened(host, port)
     name = "localhost" if host in LOCAL else host
     try:

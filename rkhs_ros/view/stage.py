@@ -87,12 +87,7 @@ class Stage:
         self._server.scene.add_grid("/floor", size, size, position=(middle[0], middle[1], low[2]), **lines)
 
     def set_picture(self, figure: Figure, points: Array) -> None:
-        """Show a policy plot beside or above the task.
-
-        Args:
-            figure: of size SIZE, whose first axes are the plot.
-            points: of the marker before each step, in data coordinates of the plot, shape (steps, 2).
-        """
+        """Show a policy plot beside or above the task."""
         figure.set_dpi(DPI)
         image, axes = pixels(figure), figure.axes[0]
         ends = np.sort([axes.get_xlim(), axes.get_ylim()])

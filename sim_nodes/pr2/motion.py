@@ -177,10 +177,8 @@ class Motion:
 def adapted(original: Demonstration, action: Array) -> Motion | None:
     """Return the demonstration changed by an action; None if the arm cannot reach it.
 
-    Args:
-        original: the original motion.
-        action: shift of the tool's y along the whole path, in the frame of the robot's base, and change of the opening,
-            in metres; the opening is clipped to the gripper's range.
+    The action is a shift of the tool's y along the whole path, in the frame of the robot's base, and a change of the
+    opening, both in metres; the opening is clipped to the gripper's range.
     """
     positions = original.positions + np.array([0.0, action[0], 0.0])
     arm, errors = arm_chain().solve(original.arm, positions, original.rotations)

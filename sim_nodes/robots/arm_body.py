@@ -30,10 +30,6 @@ class ArmBody:
     """A Panda whose motors follow a motion within their torque limits.
 
     Owns a PyBullet client.
-
-    Args:
-        rate: of the physics, Hz.
-        position: initial positions of the joints, rad.
     """
 
     def __init__(self, rate: float, position: Array) -> None:

@@ -181,11 +181,7 @@ class Hardware:
         self._commands.send(time, command)
 
     def advance(self, time: float) -> list[tuple[float, Any]]:
-        """Advance the robot to a time in seconds, or part of the way.
-
-        Returns:
-            The samples that have arrived: their times, in seconds of the robot's time, and the readings.
-        """
+        """Advance the robot to a time in seconds, or part of the way; return the samples that have arrived by then."""
         now = min(time, self.time + MOST_CATCH_UP_S)
         for arrival, command in self._commands.arrived(now):
             self._simulate(arrival)

@@ -17,8 +17,7 @@ ROS = (
 )
 # Modules of sim_nodes that may import ROS.
 SIM_NODES = [
-    ROOT / "sim_nodes" / f"{name}.py"
-    for name in ("simulator_node", "composed_node", "axis_node", "robots/simulated_robot_node")
+    ROOT / "sim_nodes" / f"{name}.py" for name in ("simulator_node", "axis_node", "robots/simulated_robot_node")
 ]
 SOURCES = sorted(path for package in ("rkhs_ros", "sim_nodes") for path in (ROOT / package).rglob("*.py"))
 PRODUCT = [path for path in SOURCES if path.is_relative_to(ROOT / "rkhs_ros")]

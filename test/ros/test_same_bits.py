@@ -28,11 +28,9 @@ def curve(folder: Path) -> list[dict[str, str]]:
     return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
 
 
-def assert_same_bits(
-    start: Start, folder: Path, arguments: tuple[object, ...], iterations: int, runner: str = "ros"
-) -> dict[str, Any]:
+def assert_same_bits(start: Start, folder: Path, arguments: tuple[object, ...], iterations: int) -> dict[str, Any]:
     """Train over topics and in this process; return the arrays of the policy, which must be the same."""
-    over_topics = start("rkhs", "train", *arguments, "--runner", runner, "--out", folder / "ros")
+    over_topics = start("rkhs", "train", *arguments, "--runner", "ros", "--out", folder / "ros")
     with threadpool_limits(1), pytest.raises(SystemExit) as end:  # as many threads as the processes have
         main(["train", *map(str, arguments), "--runner", "inline", "--out", str(folder / "inline")])
     assert end.value.code == 0
@@ -55,14 +53,13 @@ def assert_same_bits(
 
 SHORT_EPISODES = ("episodes_per_iteration=3", "evaluation_episodes=1", "timeout=60")
 # Together these use all that goes over topics: inputs, kernels, the three variances, held actions,
-# options of an environment, and composed nodes.
+# and options of an environment.
 RUNS = {
     "function variance": (
         "rkhs/Toy-v0",
         "rkhs_power",
         ("kernel.form=monomials", "kernel.degree=5", "kernel.offset=0.2", "horizon=12",
          "algorithm.centres=15", "algorithm.variance=as_published", "algorithm.reuse=2", "discount=0.9"),
-        "ros",
     ),
     "kernel variance": (
         "rkhs/Pendulum-v0",
@@ -70,14 +67,12 @@ RUNS = {
         ("environment.options.angle=wrap", "inputs.angles=[0]", "kernel.bandwidth=3.0", "horizon=200",
          "algorithm.grid=[-2,2,3]", "exploration_sd=[2.0]",
          "algorithm.variance=learnt", "action_repeat=auto"),
-        "composed",
     ),
     "learnt variance": (
         "rkhs/PendulumPOMDP-v0",
         "rkhs_nac",
         ("inputs.history=3", "inputs.angles=[0]", "algorithm.centres=20", "algorithm.critic=trajectory", "horizon=20",
          "algorithm.variance=learnt", "algorithm.reuse=2"),
-        "ros",
     ),
 }  # fmt: skip
 ARRAYS = {"function variance": {"variance_centres"}, "kernel variance": {"variance_centres", "variance_mass"}}
@@ -85,12 +80,12 @@ ARRAYS = {"function variance": {"variance_centres"}, "kernel variance": {"varian
 
 @pytest.mark.parametrize("name", RUNS)
 def test_training_over_topics_is_bit_identical_to_in_process(start: Start, tmp_path: Path, name: str) -> None:
-    task, algorithm, changes, runner = RUNS[name]
+    task, algorithm, changes = RUNS[name]
     config = tmp_path / "run.yaml"
     simulator = f"simulator: {{ros__parameters: {{environment: {{id: {task}}}}}}}\n"
     parts = f"{{algorithm: {{name: {algorithm}}}, model: {{form: none}}, action_repeat: 1}}"
     config.write_text(simulator + f"learner: {{ros__parameters: {parts}}}\n")
-    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *SHORT_EPISODES, *changes), 3, runner)
+    arrays = assert_same_bits(start, tmp_path, (config, *SHORT, "--set", *SHORT_EPISODES, *changes), 3)
     assert arrays.keys() & {"variance_centres", "variance_mass"} == ARRAYS.get(name, set())
     assert arrays["action_repeat"] == {"kernel variance": 2}.get(name, 1)
     assert arrays["weights"].any()

@@ -45,9 +45,9 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     add("--policy", type=Path, metavar="FILE", help="initial policy, for example from `rkhs imitate`")
     add(
         "--runner",
-        choices=("ros", "composed", "inline"),
-        help="ros: three node processes that communicate over topics; composed: simulator and policy node share a "
-        "process; inline: this process only (default: ros if the interfaces are built, otherwise inline)",
+        choices=("ros", "inline"),
+        help="ros: three node processes that communicate over topics; inline: this process only (default: ros if the "
+        "interfaces are built, otherwise inline)",
     )
     add("--seed", type=int, metavar="N", help="seed of all randomness")
     add("--seeds", metavar="SEEDS", help="one run per seed, such as 0-9 or 0,2,5, in the folders DIR/seed_N")
@@ -128,8 +128,6 @@ def _prepared(options: argparse.Namespace) -> tuple[Config, InlineRunner | None,
             runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
             runner = None
         config.check_for_topics()
-        is_composable = options.runner != "composed" or not config.environment.nodes
-        require(is_composable, "--runner composed", "a simulator", "a robot")
     else:
         runner = runner or runner_of(config.environment)
     folder = options.resume or new_folder(options.out, config.training.name)
@@ -146,7 +144,7 @@ def _train_one(options: argparse.Namespace, config: Config, runner: InlineRunner
             run_training(config, runner, folder, resume=bool(options.resume), **how)
             code = 0
         else:
-            code = _over_topics(config, folder, composed=options.runner == "composed", **how)
+            code = _over_topics(config, folder, **how)
     except KeyboardInterrupt:
         code = INTERRUPTED
     except (ValueError, OSError, RunError) as error:
@@ -177,12 +175,12 @@ def _is_over_topics(asked: str | None) -> bool:
     return not missing
 
 
-def _over_topics(config: Config, folder: Path, *, composed: bool, quiet: bool, tensorboard: bool) -> int:
+def _over_topics(config: Config, folder: Path, *, quiet: bool, tensorboard: bool) -> int:
     with reserved_domain(folder, default_domain(config)):
         how = {"quiet": quiet, "tensorboard": tensorboard, "resume": True}  # all attempts, if the run has started
         file = write_parameters(config, folder / "parameters.yaml", output=str(folder.resolve()), **how)
         stored = Curve(folder / "curve.csv")
-        return resuming(lambda: launch(config, file, composed=composed), lambda: len(stored.rows()))
+        return resuming(lambda: launch(config, file), lambda: len(stored.rows()))
 
 
 def _train_several(options: argparse.Namespace) -> int:

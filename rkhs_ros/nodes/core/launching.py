@@ -32,12 +32,7 @@ SWITCHES = ("resume", "simulated", "use_sim_time")
 
 
 def description(prepare: Callable[[Given], tuple[Collection[str], Path]], **defaults: Any) -> LaunchDescription:
-    """Return a description that starts the nodes of a run; all exit with the first one that exits.
-
-    Args:
-        prepare: takes the arguments; returns the nodes of the robot, none for a simulation, and the parameter file.
-        defaults: further arguments and their default values; None for those that are required.
-    """
+    """Return a description that starts the nodes of a run; all exit with the first one that exits."""
     defaults |= DEFAULTS
 
     def nodes(context: LaunchContext) -> list[Action]:

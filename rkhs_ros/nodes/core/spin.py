@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from hashlib import blake2b
@@ -99,34 +99,29 @@ class ReportingNode(Node):
 AnyNode = TypeVar("AnyNode", bound=ReportingNode)
 
 
-def serve(node: ReportingNode, stop: Stop, *others: ReportingNode) -> None:
-    """Handle the messages of a node, and of others that share its process, until `stop` is set; an error ends all.
+def serve(node: ReportingNode, stop: Stop) -> None:
+    """Handle the messages of a node until `stop` is set or an error ends it.
 
-    In any case, each node first brings its robot to rest. Periodic work is done between messages rather than by timers
+    In any case, the node first brings its robot to rest. Periodic work is done between messages rather than by timers
     of the executor: on a busy machine, 1 % of a gate's ticks were more than 3.5 ms late, with timers 16 ms.
     """
-    nodes = (node, *others)
     executor = EventsExecutor(context=node.context)
-    with ExitStack() as reports:
-        for node in nodes:
-            executor.add_node(node)
-            reports.enter_context(node.diagnostics.errors_reported())
+    executor.add_node(node)
+    with node.diagnostics.errors_reported():
         try:
-            while not (stop.is_set() and all(node.may_end() for node in nodes)):
-                executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, *[node.heartbeat() for node in nodes]))
+            while not (stop.is_set() and node.may_end()):
+                executor.spin_once(timeout_sec=min(SIGNAL_CHECK_S, node.heartbeat()))
         except BaseException:
-            _bring_to_rest(nodes, executor)
+            _bring_to_rest(node, executor)
             raise
 
 
-def _bring_to_rest(nodes: Sequence[ReportingNode], executor: EventsExecutor) -> None:
-    """Continue until all nodes may exit, although something failed and may fail again."""
+def _bring_to_rest(node: ReportingNode, executor: EventsExecutor) -> None:
+    """Continue until the node may exit, although something failed and may fail again."""
     deadline = time.monotonic() + MOST_ENDING_S
-    work: list[Callable[[], object]] = [node.heartbeat for node in nodes]
-    work.append(partial(executor.spin_once, timeout_sec=RETRY_S))
-    while not all(_tried(node.may_end) for node in nodes) and time.monotonic() < deadline:
-        for do in work:
-            _tried(do)
+    while not _tried(node.may_end) and time.monotonic() < deadline:
+        _tried(node.heartbeat)
+        _tried(partial(executor.spin_once, timeout_sec=RETRY_S))
 
 
 def _tried(do: Callable[[], object]) -> object:

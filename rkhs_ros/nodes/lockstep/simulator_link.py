@@ -41,11 +41,6 @@ class SimulatorLink:
 
     Owns the task, the requested batch, and the received episodes. A robot's episodes may be discarded, even after
     completion; the link sends heartbeats while the learner waits for them.
-
-    Args:
-        namespace: of the simulator.
-        num_envs: environments in the coming batches.
-        kind: assumed kind of node, `SIMULATOR` or `ROBOT`, until the node describes itself.
     """
 
     def __init__(self, node: Node, peers: Peers, namespace: str, num_envs: int, kind: str = SIMULATOR) -> None:
@@ -73,12 +68,7 @@ class SimulatorLink:
         self._describe = node.create_client(DescribeTask, f"{namespace}describe_task")
 
     def connect(self, expected: Environment | None) -> Environment:
-        """Wait for the simulator, and get its task; any environment is accepted if None is expected.
-
-        Raises:
-            PeerError: the simulator has another environment.
-            ValueError: the description is not a valid task.
-        """
+        """Wait for the simulator, and get its task; any environment is accepted if None is expected."""
         self._peers.wait_for_service(self._describe, self.name)
         self.task = self._ask_for_task()
         options = json.loads(self.task.options)
@@ -97,14 +87,7 @@ class SimulatorLink:
         return bool(self.task.period > 0)
 
     def begin(self, batch: Batch, version: int, *, seeds: Sequence[int] = (), timeout: float = 0.0) -> None:
-        """Start a batch with the policy of that version.
-
-        Args:
-            batch: the episodes.
-            version: of the policy.
-            seeds: of the environments, instead of those of the batch.
-            timeout: seconds without an action after which the simulator ends with an error; 0 for no limit.
-        """
+        """Start a batch with the policy of that version; the simulator waits for each action for ``timeout`` seconds."""
         self.batch, self.finished, self.failure, self._is_vetoable = batch, None, None, False
         self.request = StartEpisodes.Request(
             batch=fresh_number(),

@@ -26,10 +26,6 @@ class TopicRunner:
     It receives whole episodes, so that a step costs one message each way between simulator and policy node. If a robot
     discards an episode, the runner requests it again under the same number. Any other fault ends the run, which can be
     resumed. Owns the clients of simulator and policy node, the policy in service and its version.
-
-    Args:
-        num_envs: number of environments of the coming batches; the simulator reports its capacity for it.
-        kind: assumed kind of the node, `SIMULATOR` or `ROBOT`, until it describes itself.
     """
 
     def __init__(self, node: ReportingNode, peers: Peers, num_envs: int, kind: str = SIMULATOR) -> None:
@@ -64,12 +60,7 @@ class TopicRunner:
         return {"serving version": self._version, "batch": self._simulator.request.batch}
 
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        """Return the episodes of a batch under the policy, run in parallel up to the simulator's capacity.
-
-        Raises:
-            RunError: a node is silent or fails, or a robot discarded an episode too often.
-            ValueError: a node refused the policy or the batch.
-        """
+        """Return the episodes of a batch under the policy, run in parallel up to the simulator's capacity."""
         with self._peers.stop.interrupting(False):  # the executor loses exceptions of signal handlers
             return self._collected(policy, batch)
 

@@ -26,11 +26,6 @@ class GateLink:
     """The robot node's client of the gate, and of a simulated robot behind it.
 
     Owns the numbers of this process and of its commands, and the last reported states of gate and robot.
-
-    Args:
-        timeout: seconds without a report of a command after which the gate counts as dead.
-        report: called with each command's number, the executed command and the flags.
-        simulated: whether the gate arms itself, and this client ends the robot's protective stops.
     """
 
     def __init__(

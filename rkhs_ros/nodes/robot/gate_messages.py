@@ -128,12 +128,7 @@ QOS = tuple(
 
 
 class StopTopics:
-    """Subscriptions to topics on which other nodes request a stop; owns the requests of each topic.
-
-    Args:
-        timeouts: seconds of silence that mean stop, by topic; 0 for no timeout.
-        changed: called after each message, so that the gate acts also on a request that the next message withdraws.
-    """
+    """Subscriptions to topics on which other nodes request a stop; owns the requests of each topic."""
 
     def __init__(self, node: Node, timeouts: Mapping[str, float], changed: Callable[[], None]) -> None:
         self._node = node

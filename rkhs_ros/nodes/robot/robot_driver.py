@@ -32,10 +32,6 @@ class EpisodeDriver:
     """Runs one episode at a time on the robot, including the reset before it.
 
     Owns the current episode, its reset and the last command.
-
-    Args:
-        simulated: whether the gate arms itself and protective stops end automatically.
-        ended: called with each episode that has ended, after the command to hold.
     """
 
     def __init__(

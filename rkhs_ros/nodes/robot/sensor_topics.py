@@ -106,11 +106,7 @@ def _uses(task: RobotTask) -> Iterator[Use]:
 
 
 def types_of(topics: Iterable[tuple[str, str, Sequence[str]]]) -> dict[str, Any]:
-    """Return the message classes of topics by name; raise ValueError for a bad type or field, or a second type.
-
-    Args:
-        topics: the name of each topic, its type, and the fields that are read, by path; a topic may occur again.
-    """
+    """Return the message classes of topics by name; raise ValueError for a bad type or field, or a second type."""
     types: dict[str, Any] = {}
     for topic, name, fields in topics:
         kind = _message_type(name)

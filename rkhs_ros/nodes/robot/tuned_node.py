@@ -38,10 +38,6 @@ class TunedNode(ClientNode):
 
     Owns the newest message of each topic, and the values that the parameters had before: they are set again when the
     connection closes, and are in a file in `folder` until then, from which the next connection sets them.
-
-    Raises:
-        ValueError: a parameter is missing or cannot have these values, or a topic has no such field or two types.
-        SilentError: the node does not answer in time.
     """
 
     def __init__(self, tuning: Tuning, folder: Path) -> None:
