@@ -87,7 +87,7 @@ class SimulatorLink:
         return bool(self.task.period > 0)
 
     def begin(self, batch: Batch, version: int, *, seeds: Sequence[int] = (), timeout: float = 0.0) -> None:
-        """Start a batch with the policy of that version; the simulator waits for each action for ``timeout`` seconds."""
+        """Start a batch with the policy of that version; the simulator waits ``timeout`` seconds for each action."""
         self.batch, self.finished, self.failure, self._is_vetoable = batch, None, None, False
         self.request = StartEpisodes.Request(
             batch=fresh_number(),
