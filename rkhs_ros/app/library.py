@@ -211,12 +211,7 @@ def _results(
 
 
 def _make_folder(out: Path, config: Config, first_policy: GaussianPolicy | None, *, resume: bool) -> None:
-    """Create the folder of a new run with its initial policy, unless it contains a run to resume.
-
-    Raises:
-        ValueError: the folder is in use, or config.yaml cannot store a setting.
-        OSError: the folder cannot be written.
-    """
+    """Create the folder of a new run with its initial policy, unless it contains a run to resume."""
     kernel, options = config.training.kernel, dict(config.environment.options)
     expected = "a text or a KernelChoice, such as KernelChoice(bandwidth=0.5), which out= can store in config.yaml"
     require(type(kernel) is KernelChoice, "kernel", expected, getattr(kernel, "kernel", kernel))

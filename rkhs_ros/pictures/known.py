@@ -65,12 +65,7 @@ class ShowsBodies(Protocol):
         """Return the visible bodies, with the attributes of `Body`."""
 
     def motion(self, observations: Array, actions: Array) -> BodyTrajectories | None:
-        """Return the trajectories of the bodies in an episode; None if nothing moved.
-
-        Args:
-            observations: observation before each action, shape (steps, d).
-            actions: actions within their bounds, shape (steps, n).
-        """
+        """Return the trajectories of the bodies in an episode; None if nothing moved."""
 
 
 def references(task: Task) -> dict[str, float]:

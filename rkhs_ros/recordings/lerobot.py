@@ -86,11 +86,7 @@ def export(
 
 
 def _rate(batches: Sequence[RecordedBatch]) -> int:
-    """Return the steps per second from the time stamps of a robot.
-
-    Raises:
-        ValueError: there are no time stamps (simulation), or their rate is not a whole number.
-    """
+    """Return the steps per second from the time stamps of a robot."""
     if not all(each.executions for each in batches):
         raise ValueError("--fps: expected the steps per second, which simulations do not record, got none")
     steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]

@@ -112,20 +112,9 @@ def pursue_atoms(
 
 
 def _reduce(rows: Callable[[slice], Array], targets: Array, m: int, ridge: float) -> tuple[Array, Array, float]:
-    """Reduce a least-squares problem over all points to an equivalent one of at most m rows.
+    """Reduce a least-squares problem to one of at most m rows: the factor R, Q'y, and what no function can remove.
 
     The normal equations take a fraction of the time of a QR factorisation, and with a ridge they are accurate enough.
-
-    Args:
-        rows: returns a slice of the rows; each holds the m coordinates of a point in an orthonormal basis.
-        targets: shape (n, k).
-        m: number of coordinates.
-        ridge: weight of the solution's squared norm relative to the sum of squared residuals.
-
-    Returns:
-        The triangular factor R of the basis at the points (a QR factorisation), shape (m, m); the targets' coordinates
-        Q'y, shape (m, k); and the squared residual that no function of the basis can remove. R and Q'y have fewer rows
-        if there are fewer points.
     """
     n, k = targets.shape
     if ridge > 0.0 and n > m:

@@ -212,11 +212,7 @@ def _reset(env: AnyEnv, seed: int) -> Any:
 
 
 def _real(observation: Any, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an observation as real numbers of a type; numbers too large for the type become infinite.
-
-    Raises:
-        RunError: the observation does not consist of real numbers, or has another shape.
-    """
+    """Return an observation as real numbers of a type; numbers too large for the type become infinite."""
     array = np.asarray(observation)
     if array.shape != shape:
         raise RunError(f"expected an observation of shape {shape}, got one of {array.shape}")

@@ -53,11 +53,7 @@ class BodyTrajectories(NamedTuple):
 def in_plane(along: Array, depth: Array | float, heights: Array, turns: Array | float = 0.0) -> tuple[Array, Array]:
     """Return positions (k, bodies, 3) and orientations (k, bodies, 4) of bodies that turn about the y axis.
 
-    Args:
-        along: x in metres, shape (k, bodies), like the others after broadcasting.
-        depth: y in metres.
-        heights: z in metres.
-        turns: angles in radians that turn the z axis towards the x axis.
+    The places are in metres, the turns, of the z axis towards the x axis, in radians; they broadcast to (k, bodies).
     """
     x, y, z, half = np.broadcast_arrays(along, depth, heights, 0.5 * np.asarray(turns))
     return np.stack([x, y, z], axis=-1), np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=-1)
@@ -81,13 +77,7 @@ def quaternions(rotations: Array) -> Array:
 
 
 class Camera:
-    """A camera in front of a box, which fills the picture.
-
-    Args:
-        direction: from the box towards the camera, of any length, not vertical.
-        bounds: lower and upper corner of the box, in metres.
-        size: width and height of a picture, in pixels.
-    """
+    """A camera in front of a box, which fills the picture."""
 
     def __init__(self, direction: Corner, bounds: tuple[Corner, Corner], size: tuple[int, int] = SIZE) -> None:
         towards = np.array(direction) / np.linalg.norm(direction)
@@ -104,13 +94,7 @@ class Camera:
         self._towards_light = light / np.linalg.norm(light)
 
     def picture(self, bodies: list[Body], positions: Array, orientations: Array) -> Pixels:
-        """Return the RGB picture of bodies, shape (height, width, 3).
-
-        Args:
-            bodies: the bodies.
-            positions: of their centres, shape (bodies, 3).
-            orientations: unit quaternions w, x, y, z, shape (bodies, 4).
-        """
+        """Return the RGB picture of bodies, shape (height, width, 3)."""
         width, height = self._rays
         depth, colours = np.full((height, width), np.inf), np.full((height, width, 3), BACKGROUND)
         for body, centre, turn in zip(bodies, positions, matrices(orientations), strict=True):
@@ -153,13 +137,7 @@ class Camera:
 
 @np.errstate(divide="ignore", invalid="ignore")  # of rays along a side, and of those that miss
 def _hit(shape: str, origin: Array, rays: Array) -> tuple[Array, Array]:
-    """Return the distances at which rays hit a shape, infinite for a miss, and the normals there.
-
-    Args:
-        shape: "box", "ball" or "cylinder" between -1 and 1 along each axis.
-        origin: of all rays, shape (3,).
-        rays: directions, shape (..., 3).
-    """
+    """Return the distances at which rays hit a shape, infinite for a miss, and the normals there."""
     if shape == "ball":
         enter, leave = _within_circle(origin, rays)
         return _misses(enter, leave), origin + enter[..., None] * rays

@@ -92,16 +92,7 @@ class Chain:
 
         .. math:: q \leftarrow q + J^\top (J J^\top + \lambda^2 I)^{-1} e, \qquad \lambda^2 = 10^{-5} + 0.1 \|e\|^2
 
-        Angles stay within their limits. The k problems are independent.
-
-        Args:
-            start: initial angles, shape (k, n).
-            position: shape (k, 3).
-            rotation: shape (k, 3, 3).
-            iterations: at most.
-
-        Returns:
-            The angles, shape (k, n), and the norms of the remaining errors, in metres and radians, shape (k,).
+        Angles stay within their limits. Return those of the k independent problems, and the norms of their errors.
         """
         q = np.clip(start, self.lower, self.upper)
         for _ in range(iterations):

@@ -67,12 +67,7 @@ class MotorPendulum:
         return replace(self, torque=float(command[0]), is_driven=True)
 
     def stepped(self, seconds: float, kick: float = 0.0) -> MotorPendulum:
-        """Return the state after a time, exact for a constant torque.
-
-        Args:
-            seconds: the time.
-            kick: noise added to the velocity by the motor, rad/s; the brake adds none.
-        """
+        """Return the state after seconds, exact for a constant torque; the motor adds the noise ``kick`` in rad/s."""
         target = self.velocity + self.torque * seconds + kick if self.is_driven else _braked(self.velocity, seconds)
         angle = self.angle + 0.5 * (self.velocity + target) * seconds
         bounded = min(max(angle, -math.pi), math.pi)

@@ -141,12 +141,7 @@ class ModelRunner:
     def _roll_out(
         self, policy: GaussianPolicy, batch: Batch, starts: Array, draws: Draws
     ) -> tuple[Array, Array, Array]:
-        """Run the rollouts to the horizon, even if they terminate earlier.
-
-        Returns:
-            The observations, shape (N, H + 1, d); the actions, shape (N, H, n); and the inputs of the model (policy
-            inputs and clipped actions), shape (N, H, p).
-        """
+        """Run the rollouts to the horizon, even if they terminate earlier."""
         acting = Acting(policy, batch, explore=batch.explore)
         rows, horizon, n = batch.num_envs, batch.horizon, policy.mean.output_dim
         observations = np.empty((rows, horizon + 1, starts.shape[1]))

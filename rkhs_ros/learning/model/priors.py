@@ -51,11 +51,7 @@ def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Arra
 
 
 def _terminations(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
-    """Return whether each observation ends an episode.
-
-    Raises:
-        RunError: the function fails, or returns values other than 0 and 1.
-    """
+    """Return whether each observation ends an episode."""
     values = function(observations)
     if not np.isin(values, (0.0, 1.0)).all():
         raise RunError(f"model.termination_fn: {name}: values: expected 0 or 1 for each row, got other values")
@@ -63,11 +59,7 @@ def _terminations(function: Callable[[Array], Array], name: str, observations: A
 
 
 def _call(what: str, name: str, function: Callable[..., Array], shape: tuple[int, ...], *rows: Array) -> Array:
-    """Call a user's function with copies of the rows.
-
-    Raises:
-        RunError: the function raises, or returns values of another shape or values that are not finite.
-    """
+    """Call a user's function with copies of the rows."""
     expected = len(rows[0]), *shape
     try:
         values = np.asarray(call_user_function(function, *rows))

@@ -100,12 +100,7 @@ class Peers:
         return future.result()
 
     def call_until_accepted(self, ask: Callable[[], Any], name: str) -> Any:
-        """Repeat a request until the nodes that the topics of its node connect have discovered each other.
-
-        Raises:
-            ValueError: the node refuses; the message says why.
-            SilentError: no answer arrived, or the nodes have not discovered each other, in time.
-        """
+        """Repeat a request until the nodes that its node needs have discovered each other; ValueError if it refuses."""
         deadline = time.monotonic() + self.timeout_s
         while not (response := ask()).success:
             if not response.message.startswith(UNCONNECTED):

@@ -116,14 +116,7 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         self._node.close()
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Values, Info]:
-        """Start an episode; without a seed, ``np_random`` draws one for the environment. A robot ignores it.
-
-        Raises:
-            SilentError: the node does not answer in time.
-            PeerError: it has another task than before.
-            RunError: the environment failed.
-            ValueError: the seed is negative, there are options, or the node refuses the request.
-        """
+        """Start an episode; without a seed, ``np_random`` draws one for the environment. A robot ignores it."""
         good = seed is None or 0 <= seed < 2**63
         require(good, "seed", "a number in [0, 2^63)", seed)
         require(not options, "options", "none, since the node cannot receive them", ", ".join(options or {}))
@@ -137,13 +130,7 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         return self._shaped(result), {}
 
     def step(self, action: ArrayLike) -> tuple[Values, float, bool, bool, Info]:
-        """Make one step.
-
-        Raises:
-            SilentError: the node does not answer or step in time, for example because another client uses it.
-            RunError: the environment failed, or there was no reset.
-            ValueError: the action has the wrong shape or is not finite.
-        """
+        """Make one step."""
         if self._over:
             raise RunError("step: expected a reset first, because the episode has ended or was lost")
         good = finite_array(np.reshape(action, (1, -1)), (1, self._link.spaces.action_dim), "action")
