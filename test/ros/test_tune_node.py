@@ -146,7 +146,7 @@ def test_a_failure_ends_the_run_with_the_earlier_parameters(tuned: Tuned, tune: 
     ("parameters", "message"),
     [
         ({"gian": {}}, "parameter 'gian' of /tuned: expected a declared one, got none"),
-        ({"name": {}}, "parameter 'name' of /tuned: expected a double or an integer, got type 4"),
+        ({"name": {}}, "parameter 'name' of /tuned: expected a double or an integer, got a string"),
         ({"fixed": {}}, "parameter 'fixed' of /tuned: expected one that can be set, got a read-only one"),
         ({"gain": {"maximum": 20.0}}, "parameter 'gain' of /tuned: expected a range within 0.1 to 10, got 0 to 20"),
     ],

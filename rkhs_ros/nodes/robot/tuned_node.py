@@ -26,6 +26,7 @@ from rkhs_ros.robot.tuning import Tuning
 Values = dict[str, Any]
 BEFORE = "parameters_before.yaml"  # in the run's folder while they may be changed
 NUMBERS = {ParameterType.PARAMETER_DOUBLE: float, ParameterType.PARAMETER_INTEGER: round}
+KINDS = ("nothing", "a bool", "an integer", "a double", "a string")  # by `ParameterType`; the others are lists
 CALLS = {
     "describe_parameters": DescribeParameters,
     "get_parameters": GetParameters,
@@ -111,7 +112,7 @@ class TunedNode(ClientNode):
         found = self._call("describe_parameters", names=[name]).descriptors
         require(len(found) == 1 and found[0].type != ParameterType.PARAMETER_NOT_SET, what, "a declared one", "none")
         (descriptor,) = found
-        require(descriptor.type in NUMBERS, what, "a double or an integer", f"type {descriptor.type}")
+        require(descriptor.type in NUMBERS, what, "a double or an integer", [*KINDS, *["a list"] * 5][descriptor.type])
         require(not descriptor.read_only, what, "one that can be set", "a read-only one")
         for theirs in (*descriptor.floating_point_range, *descriptor.integer_range):
             good = theirs.from_value <= ours.minimum and ours.maximum <= theirs.to_value

@@ -211,8 +211,7 @@ def results(folder: Path) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
-    ahead = Stopping(num_envs=CONFIG.training.num_envs)
-    return results(run_training(CONFIG, ahead, tmp_path_factory.mktemp("whole") / "run", quiet=True))
+    return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
 
 
 @pytest.mark.parametrize("batches", [1, 2, 4])
