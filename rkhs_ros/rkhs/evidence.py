@@ -4,6 +4,7 @@ r"""Bayesian regression with a linear and a kernel part; the evidence selects th
     \epsilon \sim N(0, \lambda s^2)
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 LINEAR_SD = 3.0  # tau: prior sd of the linear coefficients, relative to the kernel part's values
 NOISES = np.geomspace(1e-8, 1.0, 25)  # candidates for lambda; the evidence selects one per target
 BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times sqrt(d / 2), the typical distance of points in d dimensions
+FINE_BANDWIDTHS = (0.4, 0.63, *BANDWIDTHS)  # for functions that may have narrow peaks
 NEWTON_TOLERANCE = 1e-8
 LEAST_RESIDUAL = 1e-12  # residuals below this fraction of the targets' square are rounding errors
 TINY = 1e-300
@@ -53,7 +55,7 @@ class Fit(NamedTuple):
     coefficients: Coefficients
 
 
-def best_fit(x: Array, targets: Array, roots: Array, centres: int) -> Fit:
+def best_fit(x: Array, targets: Array, roots: Array, centres: int, bandwidths: Sequence[float] = BANDWIDTHS) -> Fit:
     """Fit the regression with each bandwidth and return the fit with the greatest evidence.
 
     Args:
@@ -61,8 +63,9 @@ def best_fit(x: Array, targets: Array, roots: Array, centres: int) -> Fit:
         targets: standardised targets, shape (points, k).
         roots: square roots of the points' weights, shape (points, 1).
         centres: maximum number of centres of the kernel part.
+        bandwidths: candidates, times sqrt(d / 2).
     """
-    return max((_fit(b, x, targets, roots, centres) for b in BANDWIDTHS), key=lambda fit: fit.evidence)
+    return max((_fit(b, x, targets, roots, centres) for b in bandwidths), key=lambda fit: fit.evidence)
 
 
 def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int) -> Fit:

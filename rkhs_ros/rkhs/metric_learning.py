@@ -12,11 +12,12 @@ explains a constant gradient.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit, best_fit
+from rkhs_ros.rkhs.evidence import LINEAR_SD, Fit
 from rkhs_ros.rkhs.kernels import Array, deviations, rowwise_matmul, subsample
 
 
@@ -72,11 +73,12 @@ class Coordinates:
 
 
 MOST_FITTED, MOST_SLOPES = 1000, 300  # maximum number of points for the selection, and for the gradients
+Regression = Callable[[Array, Array, Array], Fit]  # of points, targets and the roots of the weights
 ROUNDS = 3  # maximum number of updates of the metric; stops when the evidence no longer grows
 
 
 def fit_metric(
-    plain: Coordinates, points: Array, targets: Array, roots: Array, centres: int, *, centred: bool = False
+    plain: Coordinates, points: Array, targets: Array, roots: Array, regress: Regression, *, centred: bool = False
 ) -> tuple[Coordinates, Fit]:
     """Return the coordinates with the greatest evidence, plain or with a learnt metric, and a fit in them.
 
@@ -87,23 +89,23 @@ def fit_metric(
         points: shape (n, d).
         targets: standardised values of the functions, shape (n, k).
         roots: square roots of the points' weights, shape (n, 1).
-        centres: maximum number of centres of the fit.
+        regress: fits the regression, see `best_fit`.
         centred: also try the centred metric, and return the one with the greater evidence.
     """
     some, their_targets, their_roots = (subsample(each, MOST_FITTED) for each in (points, targets, roots))
-    first = best_fit(plain.of(some), their_targets, their_roots, centres)
+    first = regress(plain.of(some), their_targets, their_roots)
     tried = [
-        _refine_metric(plain, first, some, their_targets, their_roots, centres, centred=each)
+        _refine_metric(plain, first, some, their_targets, their_roots, regress, centred=each)
         for each in ((False, True) if centred else (False,))
     ]
     best, fit = max(tried, key=lambda pair: pair[1].evidence)
     if len(points) > MOST_FITTED:
-        fit = best_fit(best.of(points), targets, roots, centres)
+        fit = regress(best.of(points), targets, roots)
     return best, fit
 
 
 def _refine_metric(
-    plain: Coordinates, first: Fit, points: Array, targets: Array, roots: Array, centres: int, *, centred: bool
+    plain: Coordinates, first: Fit, points: Array, targets: Array, roots: Array, regress: Regression, *, centred: bool
 ) -> tuple[Coordinates, Fit]:
     """Update the metric, starting from a fit in plain coordinates, while the evidence grows."""
     best, fit = plain, first
@@ -112,7 +114,7 @@ def _refine_metric(
         if axes is None:
             break
         tried = Coordinates(plain.units, axes)
-        its_fit = best_fit(tried.of(points), targets, roots, centres)
+        its_fit = regress(tried.of(points), targets, roots)
         if its_fit.evidence <= fit.evidence:
             break
         best, fit = tried, its_fit

@@ -12,16 +12,16 @@ exact Gaussian process; with m centres it takes O(n m^2) for n points.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtri
 
-from rkhs_ros.rkhs.evidence import LINEAR_SD, Coefficients, features_of
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, Coefficients, best_fit, features_of
 from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
 from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric
 from rkhs_ros.rkhs.newton import NewtonBasis
@@ -51,7 +51,14 @@ class Posterior:
 
     @classmethod
     def fit(
-        cls, points: Array, targets: Array, centres: int, weights: Array | None = None, *, centred: bool = False
+        cls,
+        points: Array,
+        targets: Array,
+        centres: int,
+        weights: Array | None = None,
+        *,
+        centred: bool = False,
+        bandwidths: Sequence[float] = BANDWIDTHS,
     ) -> Posterior:
         """Fit the posterior with the coordinates, the bandwidth and the noises of the greatest evidence.
 
@@ -63,11 +70,13 @@ class Posterior:
             centres: maximum number of centres of the kernel part.
             weights: weight of each point, shape (n,); None for 1.
             centred: also try the centred metric; see `rkhs_ros.rkhs.metric_learning`.
+            bandwidths: candidates, times sqrt(d / 2).
         """
         units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        coordinates, best = fit_metric(Coordinates(units), points, y, roots, centres, centred=centred)
+        regress = partial(best_fit, centres=centres, bandwidths=bandwidths)
+        coordinates, best = fit_metric(Coordinates(units), points, y, roots, regress, centred=centred)
         return cls(coordinates, of_targets, best.basis, best.bandwidth, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

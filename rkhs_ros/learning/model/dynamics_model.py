@@ -24,6 +24,7 @@ from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.learning.model.termination import Limits, TerminalReward, fit_termination
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, FINE_BANDWIDTHS
 from rkhs_ros.rkhs.kernels import Array, deviations, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
@@ -299,7 +300,10 @@ NO_REWARDS = _Rewards(None, depends_on_next=False, terminal=TerminalReward())
 def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: int) -> _Rewards:
     """Fit the rewards as a function of the current or the next observation, whichever has the greater evidence."""
     leads = np.concatenate([inputs.features(steps.next_observations), steps.actions], axis=1)
-    fits = [Posterior.fit(points[going_on], steps.rewards[going_on, None], centres) for points in (steps.points, leads)]
+    earned = steps.rewards[going_on, None]
+    is_rare = np.median(earned) == earned.min() < earned.max()  # most steps earn the same, the goal alone earns more
+    bandwidths = FINE_BANDWIDTHS if is_rare else BANDWIDTHS
+    fits = [Posterior.fit(p[going_on], earned, centres, bandwidths=bandwidths) for p in (steps.points, leads)]
     depends_on_next = fits[1].evidence > fits[0].evidence
     best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
     ended, terminal = steps.terminated, TerminalReward()

@@ -1,5 +1,7 @@
 """The metric stretches directions along which functions change if that increases the evidence."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,9 @@ def test_slopes_match_finite_differences(rng: np.random.Generator) -> None:
 
 def test_the_metric_finds_the_direction_of_a_ridge_function(rng: np.random.Generator, direction: np.ndarray) -> None:
     x = rng.normal(size=(N, D))
-    coordinates, _ = fit_metric(Coordinates(Standardizer.of(x)), x, along(x, direction), np.ones((N, 1)), 100)
+    coordinates, _ = fit_metric(
+        Coordinates(Standardizer.of(x)), x, along(x, direction), np.ones((N, 1)), partial(best_fit, centres=100)
+    )
     assert coordinates.axes is not None
     squares, axes = np.linalg.eigh(coordinates.axes @ coordinates.axes.T)
     assert squares.sum() == pytest.approx(D)
@@ -85,7 +89,7 @@ def test_trying_the_centred_metric_never_lowers_the_evidence(seed: int) -> None:
 def test_axes_that_lower_the_evidence_are_rejected(seed: int) -> None:
     x = np.random.default_rng(seed).normal(size=(60, 3))
     y, roots, plain = np.sin(2.0 * x).sum(axis=1, keepdims=True), np.ones((60, 1)), Coordinates(Standardizer.of(x))
-    coordinates, fit = fit_metric(plain, x, y, roots, 40)
+    coordinates, fit = fit_metric(plain, x, y, roots, partial(best_fit, centres=40))
     assert coordinates == plain
     assert fit.evidence == best_fit(plain.of(x), y, roots, 40).evidence
 
@@ -95,5 +99,7 @@ def test_a_metric_that_some_points_choose_is_fitted_to_all(
 ) -> None:
     monkeypatch.setattr(metric_learning, "MOST_FITTED", 60)
     x, roots = rng.normal(size=(N, D)), np.ones((N, 1))
-    coordinates, fit = fit_metric(Coordinates(Standardizer.of(x)), x, along(x, direction), roots, 40)
+    coordinates, fit = fit_metric(
+        Coordinates(Standardizer.of(x)), x, along(x, direction), roots, partial(best_fit, centres=40)
+    )
     assert fit.evidence == best_fit(coordinates.of(x), along(x, direction), roots, 40).evidence

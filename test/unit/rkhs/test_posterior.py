@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 
-from rkhs_ros.rkhs import evidence, metric_learning
+from rkhs_ros.rkhs import metric_learning
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, regress
 from rkhs_ros.rkhs.posterior import Posterior
 
@@ -58,14 +58,9 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def fit_with(monkeypatch: pytest.MonkeyPatch, plain: None) -> FitWith:
+def fit_with(plain: None) -> FitWith:
     """Fit with one bandwidth and all points as centres."""
-
-    def fit(bandwidth: float, x: np.ndarray, y: np.ndarray) -> Posterior:
-        monkeypatch.setattr(evidence, "BANDWIDTHS", (bandwidth,))
-        return Posterior.fit(x, y, len(x))
-
-    return fit
+    return lambda bandwidth, x, y: Posterior.fit(x, y, len(x), bandwidths=(bandwidth,))
 
 
 @pytest.mark.parametrize("bandwidth", [FULL[0], FULL[-1]])
@@ -82,13 +77,10 @@ def test_with_all_points_as_centres_it_matches_scikit_learn(
         np.testing.assert_allclose(fitted.sd(elsewhere)[:, column], np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_with_a_learnt_metric_it_matches_scikit_learn(
-    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
-) -> None:
+def test_with_a_learnt_metric_it_matches_scikit_learn(rng: np.random.Generator) -> None:
     x, elsewhere = points_of(rng), points_of(rng, 100)
     y = targets_of(rng, x)
-    monkeypatch.setattr(evidence, "BANDWIDTHS", (0.25,))
-    fitted = Posterior.fit(x, y, len(x))
+    fitted = Posterior.fit(x, y, len(x), bandwidths=(0.25,))
     assert fitted.points.axes is not None
     assert len(fitted.basis.centres) == N
     mean, covariance = predicted(oracle(fitted, x, y), fitted, elsewhere)

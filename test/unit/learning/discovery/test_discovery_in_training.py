@@ -92,7 +92,7 @@ class Stopping(stopping.Stopping):
 
 def test_a_run_whose_inputs_change_resumes_bit_identically(tmp_path: Path) -> None:
     config = Config(WRAP, training_from(TREE))
-    whole = results(run_training(config, Stopping(num_envs=config.training.num_envs), tmp_path / "whole", quiet=True))
+    whole = results(run_training(config, Stopping(), tmp_path / "whole", quiet=True))
     assert load_policy(tmp_path / "whole" / "policy.npz")[0].inputs == Inputs(**ANGLE)
     for batches in (1, 4):
         folder = tmp_path / str(batches)

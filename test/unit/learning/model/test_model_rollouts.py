@@ -219,6 +219,16 @@ def test_rollouts_terminate_like_the_task(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(beside[inside], 0.0, atol=0.5)
 
 
+@pytest.mark.parametrize(("threshold", "is_rare"), [(0.3, True), (0.9, False)])
+def test_a_narrow_kernel_may_fit_rewards_that_most_steps_do_not_earn(threshold: float, is_rare: bool) -> None:
+    places = np.random.default_rng(0).uniform(-1.0, 1.0, size=(400, 1, 2))
+    rewards = np.where(np.linalg.norm(places, axis=2) < threshold, 1.0, 0.0)  # 8 and 64 % of the places
+    alone = Episodes.without_ends(places, np.zeros((400, 1, 1)), rewards, np.ones((400, 1), dtype=bool))
+    posterior = DynamicsModel.fit(alone, Inputs(), SPACES, 200).rewards
+    assert posterior is not None
+    assert posterior.bandwidth == pytest.approx((0.4 if is_rare else 1.0) * np.sqrt(1.5))
+
+
 def test_rollouts_that_end_on_the_better_side_earn_more(rng: np.random.Generator) -> None:
     def with_goal(episodes: Episodes) -> np.ndarray:
         """Return the rewards if an end on the right earns 10 instead of costing 10."""
