@@ -84,16 +84,11 @@ def deferred_signals() -> Iterator[None]:
             signal.raise_signal(held[0])
 
 
-def exit_code(error: Exception) -> int:
-    """Return the exit code for an error that ends the process."""
+def print_error(error: Exception) -> int:
+    """Print an error that ends the process as one line on stderr, and return its exit code."""
+    print("error:", error_message(error), file=sys.stderr, flush=True)
     failed = isinstance(error, RunError) or (isinstance(error, OSError) and error.errno in DISK_ERRORS)
     return FAILED if failed else BAD_INPUT
-
-
-def print_error(error: Exception) -> int:
-    """Print an error as one line on stderr and return its exit code."""
-    print("error:", error_message(error), file=sys.stderr, flush=True)
-    return exit_code(error)
 
 
 def error_message(error: Exception) -> str:

@@ -92,7 +92,8 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
     Raises:
         ValueError: the settings or the initial policy do not match the task.
     """
-    if warm_start is not None and _finds_inputs(training):
+    discovers = isinstance(training.model, ModelBased) and training.model.discovery != "none"
+    if warm_start is not None and discovers and training.inputs == Inputs():
         training = replace(training, inputs=warm_start.inputs)
     policy = first_policy(training, spaces)
     if warm_start is not None:
@@ -137,11 +138,6 @@ def may_correct_action_repeat(state: State, training: Training) -> bool:
         return False
     *trained, initial = state.policy, *state.earlier
     return len(initial.mean.centres) == 0 and len({policy.action_repeat for policy in trained}) == 1
-
-
-def _finds_inputs(training: Training) -> bool:
-    """Return whether a run finds its inputs in the data, with none given."""
-    return isinstance(training.model, ModelBased) and training.model.discovery != "none" and training.inputs == Inputs()
 
 
 def _checked_mean(given: GaussianPolicy, first: GaussianPolicy) -> Function:

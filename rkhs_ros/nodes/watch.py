@@ -202,17 +202,14 @@ def view(reports: NodeReports, console: Console) -> Group:
 
 def heading(progress: LearningProgress) -> Text:
     """Return three lines: the progress of a run, its returns, and its results folder."""
+    left = "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
     lines = (
         f"{truncated(progress.run)}: iteration {progress.iteration} of {progress.iterations}, "
-        f"{progress.episodes} episodes, {progress.centres} centres{_time_left(progress)}",
+        f"{progress.episodes} episodes, {progress.centres} centres{left}",
         f"return {progress.exploration_return:.4g}{_measured(progress)}" if progress.iteration else "no return yet",
         "in " + "".join(c if c.isprintable() else "?" for c in progress.folder),  # never truncated
     )
     return Text("\n".join(lines))
-
-
-def _time_left(progress: LearningProgress) -> str:
-    return "" if isnan(progress.seconds_left) else f", about {progress.seconds_left:.0f} s left"
 
 
 def _measured(progress: LearningProgress) -> str:

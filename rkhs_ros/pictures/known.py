@@ -49,12 +49,7 @@ class BodyTrajectories(NamedTuple):
 
 @runtime_checkable
 class ShowsBodies(Protocol):
-    """Task whose episodes can be shown in 3D.
-
-    Attributes:
-        view_direction: from the scene to the camera, of any length.
-        bounds: lower and upper corner of the bounding box of the scene, in metres.
-    """
+    """Task whose episodes can be shown in 3D, seen along a direction to the camera, within a bounding box in metres."""
 
     @property
     def view_direction(self) -> Corner: ...  # noqa: D102

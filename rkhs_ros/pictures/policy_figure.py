@@ -57,11 +57,7 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
 def draw_policy(
     axes: Axes, view: PolicyAxes, spaces: Spaces, episodes: Sequence[Episodes], pair: tuple[int, int], action: int
 ) -> Array:
-    """Draw a component of the mean action, clipped to its bounds, over one axis of the policy or over two of them.
-
-    Returns:
-        The newest episode in the coordinates of the plot, shape (steps, 2).
-    """
+    """Draw a component of the mean action over one axis of the policy or two; return the newest episode in the plot."""
     visited, is_line = [view.visited(each)[0] for each in episodes], len(view.labels) == 1
     if is_line:
         _draw_line(axes, view, spaces, visited, action)

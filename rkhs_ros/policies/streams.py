@@ -112,7 +112,8 @@ def pink(white: Array) -> Array:
     noise exploration in deep reinforcement learning".
     """
     rows, horizon, dimensions = white.shape
-    response = _response(min(horizon, TAPS))
+    k = np.arange(1, min(horizon, TAPS))
+    response = np.cumprod(np.concatenate([[1.0], (k - 0.5) / k]))  # h
     size = 1 << (horizon + len(response) - 2).bit_length()  # long enough that the end does not wrap around
     transfer = np.fft.rfft(response, size)
     sd = np.sqrt(np.cumsum(response**2))[np.minimum(np.arange(horizon), TAPS - 1)]
@@ -121,12 +122,6 @@ def pink(white: Array) -> Array:
         for j in range(dimensions):  # one series at a time saves memory and keeps each series bit-identical
             noise[row, :, j] = np.fft.irfft(transfer * np.fft.rfft(white[row, :, j], size), size)[:horizon] / sd
     return noise
-
-
-def _response(taps: int) -> Array:
-    """Return the impulse response h, shape (taps,)."""
-    k = np.arange(1, taps)
-    return np.cumprod(np.concatenate([[1.0], (k - 0.5) / k]))
 
 
 # Filters of exploration noise by name; each maps standard normal draws of shape (num_envs, horizon, n) to noise.

@@ -86,10 +86,7 @@ def _jump(limits: Limits, before: Sensed, after: Sensed) -> Array:
     way = change - 2 * np.pi * np.round(change / (2 * np.pi))
     fastest = np.fmax(np.fmax(np.abs(before.velocity), np.abs(after.velocity)), 0.0)  # fmax ignores missing values
     if limits.kind != EFFORT:
-        fastest = np.maximum(fastest, _commanded_speed(limits))
+        fastest = np.maximum(
+            fastest, limits.velocity if limits.kind == POSITION else np.maximum(*np.abs(limits.bounds()))
+        )
     return np.where(np.abs(way) > NOISE + IMPLIED * fastest * seconds, np.sign(way), 0.0)
-
-
-def _commanded_speed(limits: Limits) -> Array:
-    """Return the greatest speed that commands of positions or velocities may cause, shape (joints,)."""
-    return limits.velocity if limits.kind == POSITION else np.maximum(*np.abs(limits.bounds()))

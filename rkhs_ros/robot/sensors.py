@@ -87,7 +87,10 @@ class Sensor(Settings):
             units = self.units or [UNITS[field] for field in self.fields]
             pairs = zip(self.fields, units, strict=True)
             return [f"{joint} {field} ({unit})" for field, unit in pairs for joint in self.joints]
-        units = self.units or [_unit_of(paths_of(field)[0]) for field in self.fields]
+        known = UNITS_OF_VECTORS  # by the names that standard messages use
+        units = self.units or [
+            next((known[key] for key in map(str, paths_of(field)[0]) if key in known), "") for field in self.fields
+        ]
         paths = [(path, unit) for field, unit in zip(self.fields, units, strict=True) for path in paths_of(field)]
         return [f"{name} {_end_of(path)}" + f" ({unit})" * bool(unit) for path, unit in paths]
 
@@ -114,11 +117,6 @@ def paths_of(field: str) -> list[Path]:
         require(0 < len(entries) <= MOST_NUMBERS, "field", f"1 to {MOST_NUMBERS} numbers", repr(field))
         paths = [(*paths[0], name) if first is None else (*paths[0], name, entry) for entry in entries]
     return paths
-
-
-def _unit_of(path: Path) -> str:
-    """Return the unit of a number, by the names that standard messages use; empty if unknown."""
-    return next((UNITS_OF_VECTORS[key] for key in map(str, path) if key in UNITS_OF_VECTORS), "")
 
 
 def _end_of(path: Path) -> str:

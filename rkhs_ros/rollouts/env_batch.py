@@ -190,7 +190,8 @@ class VectorEnvBatch:
                 oldest = next(iter(self._vectors))
                 self._vectors.pop(oldest).close()
             made = self._make if isinstance(self._make, VectorEnv) else self._make(num_envs, horizon)
-            self._vectors[key] = _flat_vector(made)
+            nested = isinstance(made.single_observation_space, Dict | Tuple)
+            self._vectors[key] = FlattenObservations(made) if nested else made
         return self._vectors[key]
 
 
@@ -234,7 +235,3 @@ def _flag(value: Any, name: str) -> bool:
 
 def _flat(env: AnyEnv) -> AnyEnv:
     return FlattenObservation(env) if isinstance(env.observation_space, Dict | Tuple) else env
-
-
-def _flat_vector(env: AnyVectorEnv) -> AnyVectorEnv:
-    return FlattenObservations(env) if isinstance(env.single_observation_space, Dict | Tuple) else env

@@ -135,12 +135,6 @@ def environment_from(tree: Any) -> Environment:
     return Environment(**{"options": {}, **tree})
 
 
-def environment_of_robot(nodes: Mapping[str, Mapping[str, Any]]) -> Environment:
-    """Return the environment of a robot: the task that the robot node's parameters name, with one episode at a time."""
-    require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
-    return Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
-
-
 def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
     """Read a configuration file.
 
@@ -185,7 +179,9 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         require(not missing, "sections", "/**/robot and /**/gate", f"no {', no '.join(missing)}")
         require(bool(learner), "sections", "/**/learner, which is required for robots", "none")
         tree = tree_of(changes, tree | robot)
-        environment = environment_of_robot({node: tree.pop(node) for node in robot})
+        nodes = {node: tree.pop(node) for node in robot}
+        require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
+        environment = Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
         del tree["environment"]
     else:
         unknown = [key for key in simulator if key != "environment"]

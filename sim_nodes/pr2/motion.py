@@ -100,7 +100,10 @@ class Chain:
             error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
             if np.max(np.abs(error)) < TOLERANCE:
                 break
-            q = np.clip(q + _damped_step(jacobian, error), self.lower, self.upper)
+            damping = 1e-5 + 0.1 * np.sum(error**2, axis=1)
+            square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(6)
+            step = (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, error[:, :, None]))[:, :, 0]
+            q = np.clip(q + step, self.lower, self.upper)
         at, turned = self.forward(q)
         error = np.concatenate([position - at, _rotation_error(turned, rotation)], axis=1)
         return q, np.sqrt(np.sum(error**2, axis=1))
@@ -176,12 +179,6 @@ def adapted(original: Demonstration, action: Array) -> Motion | None:
     if not np.all(errors < REACHED):
         return None
     return Motion(arm, np.clip(original.openings + action[1], 0.0, MAX_GAP))
-
-
-def _damped_step(jacobian: Array, error: Array) -> Array:
-    damping = 1e-5 + 0.1 * np.sum(error**2, axis=1)
-    square = jacobian @ jacobian.swapaxes(1, 2) + damping[:, None, None] * np.eye(6)
-    return np.asarray((jacobian.swapaxes(1, 2) @ np.linalg.solve(square, error[:, :, None]))[:, :, 0])
 
 
 def _rotation_error(rotation: Array, wanted: Array) -> Array:

@@ -79,13 +79,7 @@ class World:
         return [Body("box", visual[3], f"#{paint.hex()}") for visual, paint in zip(self._visuals, paints, strict=True)]
 
     def poses(self, positions: Array, angles: Array, base: Array) -> tuple[Array, Array]:
-        """Return the positions (k, boxes, 3) and orientations (k, boxes, 4), w first, of the visible boxes.
-
-        Args:
-            positions: of the joints `JOINT_NAMES`, shape (k, 11).
-            angles: of the door and the lever, shape (k, 2).
-            base: x, y in metres, yaw in radians.
-        """
+        """Return the positions (k, boxes, 3) and orientations (k, boxes, 4), w first, of the visible boxes."""
         moments = []
         for robot, door in zip(positions, angles, strict=True):
             self._place(robot, door, base)

@@ -42,10 +42,6 @@ class Drives:
     r"""The state of an arm's drives.
 
     The motion :math:`x` follows the set points :math:`c` by :math:`\ddot x = w^2 (c - x) - 2 w \dot x`.
-
-    Attributes:
-        set_points: times in s, shape (k,), and positions in rad, shape (k, n), between which the drives interpolate
-            linearly; None before the first command and while stopped, when the brakes hold.
     """
 
     joints: tuple[str, ...]
@@ -53,7 +49,7 @@ class Drives:
     position: Array  # rad, shape (n,)
     velocity: Array  # rad/s, shape (n,)
     time: float = 0.0  # s
-    set_points: tuple[Array, Array] | None = None
+    set_points: tuple[Array, Array] | None = None  # s and rad; None while stopped, when the brakes hold
     protection: Protection = field(default_factory=lambda: Protection(dict.fromkeys(KINDS, 0)))
 
     @cached_property

@@ -159,13 +159,14 @@ class DynamicsModel:
         steps = Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS)
         coordinates = coordinates_of(steps, inputs)
         going_on = ~steps.terminated if not steps.terminated.all() else np.ones_like(steps.terminated)
+        changes = _residual_changes(steps, coordinates, priors)
         learnt = _rewards(steps, going_on, inputs, centres) if priors.reward_fn is None else NO_REWARDS
         return cls(
             inputs=inputs,
             spaces=spaces,
             priors=priors,
             coordinates=coordinates,
-            state_delta=_fit_changes(steps, coordinates, priors, centres, centred=centred),
+            state_delta=Posterior.fit(steps.points, changes, centres, centred=centred),
             rewards=learnt.posterior,
             reward_depends_on_next=learnt.depends_on_next,
             termination=_termination(steps, inputs, centres) if priors.termination_fn is None else None,
@@ -239,7 +240,8 @@ def prediction_error(
         Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
     )
     coordinates = coordinates_of(earlier, inputs)
-    model = _fit_changes(earlier, coordinates, priors, centres, centred=centred)
+    changes = _residual_changes(earlier, coordinates, priors)
+    model = Posterior.fit(earlier.points, changes, centres, centred=centred)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     changes = coordinates.difference(steps.observations, steps.next_observations)
     sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
@@ -278,12 +280,6 @@ def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
 def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
     """Return the changes of the observations without the prior part, shape (n, d)."""
     return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
-
-
-def _fit_changes(
-    steps: Transitions, coordinates: StateCoordinates, priors: Priors, centres: int, *, centred: bool
-) -> Posterior:
-    return Posterior.fit(steps.points, _residual_changes(steps, coordinates, priors), centres, centred=centred)
 
 
 class _Rewards(NamedTuple):
