@@ -1,7 +1,7 @@
 """Measure how many episodes learners need on a table of tasks.
 
-Each finished curve is stored in docs/results/tasks.csv at once. So the same command continues after an interruption,
-and trains only the curves that are missing there. The table and the pictures of the page are made from that file.
+Each finished curve is stored in docs/results/tasks/ at once. So the same command continues after an interruption, and
+trains only the curves that are missing there. The table and the pictures of the page are made from that file.
 """
 
 import os
@@ -13,147 +13,47 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from io import StringIO
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from command import parsed, parser
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
-from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import pick
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
+from rkhs_ros.studies.aggregates import Estimate, mean_over_runs
 from rkhs_ros.studies.workers import run_parallel
 from task_learners import LEARNERS, missing
-from trial import Point, Success, Trial
+from trial import TASKS, Curves, Key, Point, Task, Trial, median_until, read_curves, write_curves
 
-CURVES = Path(__file__).parents[1] / "docs" / "results" / "tasks.csv"
-
-
-@dataclass(frozen=True)
-class Task:
-    """A task of the table.
-
-    Attributes:
-        environment: Gymnasium id.
-        thresholds: thresholds of the evaluation return.
-        rate: steps per second of experience; nan if the task has no time.
-        episodes: budget of learners with a model.
-        changes: settings that the task needs besides its horizon.
-        discounted: whether the thresholds are for the discounted return.
-        packages: packages that must be installed.
-        success: the task's own criterion, if it has one.
-    """
-
-    environment: str
-    thresholds: tuple[float, ...]
-    rate: float
-    episodes: int = 15
-    changes: tuple[str, ...] = ()
-    discounted: bool = False
-    packages: tuple[str, ...] = ()
-    success: Success | None = None
-
-    def trial(self, learner: str, seed: int, repeat: int = 1) -> Trial:
-        """Return the trial of a learner, which holds actions for a number of steps if it does not choose that."""
-        budget = self.episodes if LEARNERS[learner].has_model else BUDGET
-        changes = (*self.changes, *LEARNERS[learner].changes, f"seed={seed}", f"iterations={budget}")  # at most
-        config = config_for(self.environment, time_limit(self.environment), changes)
-        return Trial(config, budget, self.discounted, repeat, self.success)
-
-
-def balanced(observations: Array) -> Array:
-    """Return whether the cart and the pole of each episode are in the middle and upright in the last second."""
-    x, cosine, sine = np.moveaxis(observations[:, -20:], 2, 0)[[0, 2, 3]]
-    angle = np.pi - np.abs(np.arctan2(sine, cosine))
-    return np.asarray(((np.abs(x) <= 0.1) & (angle <= 0.25)).all(axis=1))
-
-
+PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+CURVES, TABLE = (PAGE.parent / "results" / "tasks" / name for name in ("curves.csv", "table.csv"))
+BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
+AFTER = (5, 10, 20, 50, 100)  # episodes
 BUDGET = 100  # episodes of learners without a model
-CLIP, WRAP = (f"environment.options.angle={at_the_ends}" for at_the_ends in ("clip", "wrap"))
-ANGLE, WINDOW = "inputs.angles=[0]", "inputs.history=5"
-SWUNG_UP = (45.0, 50.0)  # of 51.8 at best
-MUJOCO, CONTROL = ("mujoco",), ("shimmy", "dm-control", "mujoco")
-THOUSAND = ("horizon=1000",)  # which dm_control does not declare
-TASKS = {
-    "pendulum-clip": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(CLIP,), discounted=True),
-    "pendulum-wrap": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(WRAP, ANGLE), discounted=True),
-    "pendulum-pomdp": Task("rkhs/PendulumPOMDP-v0", SWUNG_UP, 10, changes=(ANGLE, WINDOW), discounted=True),
-    "Pendulum-v1": Task("Pendulum-v1", (-170.0, -150.0), 20),
-    "cart-pole": Task("rkhs/CartPoleSwingUp-v0", (45.0, 48.0), 20, success=balanced),
-    "cartpole-swingup": Task("shimmy:dm_control/cartpole-swingup-v0", (750.0,), 100, packages=CONTROL),
-    "cartpole-balance": Task("shimmy:dm_control/cartpole-balance-v0", (950.0,), 100, 5, packages=CONTROL),
-    "pendulum-swingup": Task("shimmy:dm_control/pendulum-swingup-v0", (750.0,), 50, packages=CONTROL),
-    "reacher-easy": Task("shimmy:dm_control/reacher-easy-v0", (900.0,), 50, 30, packages=CONTROL),
-    "ball-in-cup": Task("shimmy:dm_control/ball_in_cup-catch-v0", (900.0,), 50, 30, packages=CONTROL),
-    "InvertedPendulum-v5": Task("InvertedPendulum-v5", (900.0, 999.0), 25, 12, packages=MUJOCO),
-    "InvertedDoublePendulum-v5": Task("InvertedDoublePendulum-v5", (9000.0,), 20, 40, packages=MUJOCO),
-    "Reacher-v5": Task("Reacher-v5", (-7.0, -6.0), 50, 30, packages=MUJOCO),
-    "Swimmer-v5": Task("Swimmer-v5", (30.0, 100.0), 25, packages=MUJOCO),
-    "MountainCarContinuous-v0": Task("MountainCarContinuous-v0", (90.0,), float("nan"), 5),
-    "ball-on-beam": Task("rkhs/BallOnBeam-v0", (-0.2,), 50),
-    "tanks": Task("rkhs/Tanks-v0", (-2.0,), 1),
-    "furuta": Task("rkhs/Furuta-v0", (150.0,), 100),
-    "pr2-door": Task(
-        "rkhs/PR2Door-v0",
-        (0.5, 0.8),
-        float("nan"),
-        100,
-        ("environment.options.pose=per_episode",),
-        packages=("pybullet",),
-    ),
-}
 TABLES: dict[str, Mapping[str, Any]] = {"tasks": TASKS, "learners": LEARNERS}
 QUICK = {"tasks": ["cart-pole"], "learners": ["linear-cma-es"], "seeds": "100"}
-
-
-class Key(NamedTuple):
-    """What a curve is of."""
-
-    task: str
-    learner: str
-    seed: int
-
-
-Curves = dict[Key, list[Point]]
-
-
-def read_curves(path: Path) -> Curves:
-    """Return the curves of a file; none if it does not exist."""
-    if not path.exists():
-        return {}
-    with path.open(newline="") as file:
-        _, *lines = csv.reader(file)
-    return {
-        Key(task, learner, int(seed)): [
-            Point(int(e), int(s), *map(float, rest), int(repeat)) for _, _, _, e, s, *rest, repeat in each
-        ]
-        for (task, learner, seed), each in groupby(lines, lambda line: tuple(line[:3]))
-    }
-
-
-def write_curves(path: Path, curves: Curves) -> None:
-    """Write a file of curves, sorted by task, learner and seed."""
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow((*Key._fields, *Point._fields))
-    for key in sorted(curves):
-        for point in curves[key]:
-            writer.writerow((*key, *(f"{value:.6g}" for value in point)))
-    write_whole(path, text.getvalue().encode())
 
 
 def repeat_of(curves: Curves, task: str) -> int | None:
     """Return the median action repeat that ours chose on a task; None if it was not run."""
     chosen = [curve[-1].action_repeat for key, curve in curves.items() if key[:2] == (task, "ours")]
     return int(np.median(chosen)) if chosen else None
+
+
+def trial_of(task: Task, learner: str, seed: int, repeat: int = 1) -> Trial:
+    """Return the trial of a learner, which holds actions for a number of steps if it does not choose that."""
+    budget = task.episodes if LEARNERS[learner].has_model else BUDGET
+    changes = (*task.changes, *LEARNERS[learner].changes, f"seed={seed}", f"iterations={budget}")  # at most
+    config = config_for(task.environment, time_limit(task.environment), changes)
+    return Trial(config, budget, task.discounted, repeat, task.success)
 
 
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
@@ -170,7 +70,7 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                 continue
             for key in (Key(task, learner, seed) for seed in options.seeds):
                 if key not in curves:
-                    yield key, TASKS[task].trial(learner, key.seed, repeat if chosen.holds_actions and repeat else 1)
+                    yield key, trial_of(TASKS[task], learner, key.seed, (chosen.holds_actions and repeat) or 1)
 
 
 @one_thread()
@@ -183,8 +83,10 @@ def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
 
 
 def run(options: Namespace) -> int:
-    """Train the missing curves, and store each; return the exit code."""
+    """Train the missing curves, and store each, or make the table of all; return the exit code."""
     curves, failed = read_curves(options.curves), False
+    if options.table:
+        return make_table(cells_of(curves))
     work = list(asked(options, curves))
     for key, result in run_parallel(learnt, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
         if isinstance(result, str):
@@ -194,6 +96,165 @@ def run(options: Namespace) -> int:
             curves[key] = result
             write_curves(options.curves, curves)
     return FAILED if failed else 0
+
+
+class Cell(NamedTuple):
+    """The curves of a learner on a task."""
+
+    task: Task
+    curves: Sequence[Sequence[Point]]
+
+    def returns(self, curve: Sequence[Point]) -> Array:
+        """Return the returns of a curve that the thresholds are for."""
+        return np.array([p.discounted_return if self.task.discounted else p.undiscounted_return for p in curve])
+
+    def first(self, threshold: float) -> list[int | None]:
+        """Return the number of the first point of each curve that reaches a threshold."""
+        reached = [np.flatnonzero(self.returns(curve) >= threshold) for curve in self.curves]
+        return [int(each[0]) if len(each) else None for each in reached]
+
+    def until(self, threshold: float, measure: str) -> Estimate:
+        """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
+        counts = [
+            np.inf if at is None else float(getattr(curve[at], measure))
+            for at, curve in zip(self.first(threshold), self.curves, strict=True)
+        ]
+        return median_until(np.array(counts))
+
+    def after(self, episodes: int) -> Array:
+        """Return the return of each curve at its last point within a number of episodes; nan if it ends earlier."""
+        return np.array([self._after(curve, episodes) for curve in self.curves])
+
+    def _after(self, curve: Sequence[Point], episodes: int) -> float:
+        within = [number for number, point in enumerate(curve) if point.episodes <= episodes]
+        return float(self.returns(curve)[within[-1]]) if within and curve[-1].episodes >= episodes else np.nan
+
+    def below(self, threshold: float) -> str:
+        """Return how many of the points after the first success are below the threshold."""
+        later = [
+            self.returns(curve)[at + 1 :] < threshold
+            for at, curve in zip(self.first(threshold), self.curves, strict=True)
+            if at is not None
+        ]
+        count = sum(map(len, later))
+        return f"{sum(each.sum() for each in later) / count:.0%}" if count else "-"
+
+
+def cells_of(curves: Curves) -> dict[str, dict[str, Cell]]:
+    """Return the cells by task and learner, in the order of the tables."""
+    found: dict[str, dict[str, Cell]] = {}
+    for task in TASKS:
+        for learner in LEARNERS:
+            its = [curve for key, curve in curves.items() if key[:2] == (task, learner)]
+            if its:
+                found.setdefault(task, {})[learner] = Cell(TASKS[task], its)
+    return found
+
+
+def line_of(task: str, learner: str, cell: Cell) -> tuple[str, ...]:
+    """Return the line of a learner on a task in the table."""
+    thresholds, rate = cell.task.thresholds, cell.task.rate
+    episodes = [cell.until(threshold, "episodes") for threshold in thresholds]
+    steps = [cell.until(threshold, "steps") for threshold in thresholds]
+    seconds = [Estimate(*(each / rate for each in estimate)) for estimate in steps]
+    cost = np.median([curve[-1].cpu_seconds / curve[-1].episodes for curve in cell.curves])
+    return (
+        task,
+        learner,
+        str(len(cell.curves)),
+        " / ".join(_minus(f"{threshold:g}") for threshold in thresholds),
+        *(" / ".join(map(shown, each)) for each in (episodes, steps, seconds)),
+        *(shown(mean_over_runs(cell.after(count))) for count in AFTER),
+        cell.below(thresholds[0]),
+        f"{cost:.2g}",
+    )
+
+
+HEAD = (
+    *("task", "learner", "seeds", "thresholds", "episodes to them", "steps to them", "seconds to them"),
+    *(f"return after {count}" for count in AFTER),
+    *("later below", "CPU s per episode"),
+)
+
+
+def shown(estimate: Estimate) -> str:
+    """Return three digits of an estimate and its interval."""
+    if np.isnan(estimate.value):
+        return "-"
+    numbers = ["never" if np.isinf(each) else _minus(f"{each:.3g}") for each in estimate]
+    alone = np.isnan(estimate.low) or numbers == ["never"] * 3
+    return numbers[0] if alone else f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "\u2212") if text.startswith("-") else text
+
+
+def overview(cells: Mapping[str, Mapping[str, Cell]]) -> str:
+    """Return a Markdown table of the median episodes until the first threshold, one line per task."""
+    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in LEARNERS) + " |"]
+    lines.append("|---" * (2 + len(LEARNERS)) + "|")
+    for task, its in cells.items():
+        threshold = TASKS[task].thresholds[0]
+        found = [shown(its[each].until(threshold, "episodes")) if each in its else "-" for each in LEARNERS]
+        lines.append(f"| `{task}` | {_minus(f'{threshold:g}')} | {' | '.join(found)} |")
+    return "\n".join([*lines, ""])
+
+
+def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
+    """Return the returns of the learners over episodes and over seconds of experience: medians and quartiles."""
+    figure = Figure((9.0, 2.8), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for learner, cell in cells.items():
+        for panel, unit in zip(panels, (1.0, 1.0 / TASKS[task].rate), strict=True):
+            counted = "episodes" if unit == 1.0 else "steps"
+            at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
+            steady = [_held(cell, curve, counted, at) for curve in cell.curves]
+            low, middle, high = np.nanquantile(steady, (0.25, 0.5, 0.75), axis=0)
+            (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
+            panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
+    for panel, name in zip(panels, ("episodes", "seconds of experience"), strict=True):
+        panel.set(xscale="log", xlabel=name)
+        for threshold in TASKS[task].thresholds:
+            panel.axhline(threshold, color="0.7", linewidth=0.8, linestyle=":")
+    panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
+    panels[0].legend(fontsize="small", frameon=False)
+    return figure
+
+
+COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
+
+
+def _held(cell: Cell, curve: Sequence[Point], counted: str, at: Array) -> Array:
+    """Return the return of the last point before each count; nan before the first point and after the last one."""
+    counts = np.array([getattr(point, counted) for point in curve])
+    last = np.searchsorted(counts, at, side="right") - 1
+    values = cell.returns(curve)[np.maximum(last, 0)]
+    return np.where((last >= 0) & (at <= counts[-1]), values, np.nan)
+
+
+def text_of_table(cells: Mapping[str, Mapping[str, Cell]]) -> str:
+    """Return the table as CSV, one line per task and learner."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEAD)
+    writer.writerows(line_of(task, learner, cell) for task, its in cells.items() for learner, cell in its.items())
+    return text.getvalue()
+
+
+def make_table(cells: Mapping[str, Mapping[str, Cell]]) -> int:
+    """Write the table, the overview of the page, and the pictures; return 0."""
+    TABLE.write_text(text_of_table(cells))
+    PAGE.write_text(page_with(overview(cells)))
+    for name, its in cells.items():
+        picture(name, its).savefig(TABLE.parent / f"{name}.png", dpi=100)
+    return 0
+
+
+def page_with(overview: str) -> str:
+    """Return the page with an overview in place of its own."""
+    before, rest = PAGE.read_text().split(BEGIN)
+    return before + BEGIN + "\n" + overview + "\n" + END + rest.split(END)[1]
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:
@@ -207,6 +268,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
         command.add_argument(f"--{kind}", nargs="+", default=list(table), help="default: all, " + ", ".join(table))
     command.add_argument("--seeds", default="0-4", help="such as 0-9 or 0,2,5; default: 0-4")
     command.add_argument("--curves", type=Path, default=CURVES, help="file of the curves; default: that of the page")
+    command.add_argument("--table", action="store_true", help="train nothing; make table, page and pictures")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     add_jobs_argument(command)
     options = parsed(command, arguments, **QUICK)

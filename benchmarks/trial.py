@@ -1,14 +1,19 @@
-"""The input of a learner in the table of tasks, its learning curve, and what measures it."""
+"""The table of tasks: the input of a learner, its learning curve, and what measures it."""
 
+import csv
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import StringIO
+from itertools import groupby
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from rkhs_ros.app.inline import runner_of
+from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -152,3 +157,106 @@ def median_until(values: Array) -> Estimate:
     """Return the median over the runs of counts, some of which may be infinite."""
     estimate = median_over_runs(np.minimum(values, NEVER))
     return Estimate(*(np.inf if number > NEVER / 1e5 else float(number) for number in estimate))
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task of the table.
+
+    Attributes:
+        environment: Gymnasium id.
+        thresholds: thresholds of the evaluation return.
+        rate: steps per second of experience; nan if the task has no time.
+        episodes: budget of learners with a model.
+        changes: settings that the task needs besides its horizon.
+        discounted: whether the thresholds are for the discounted return.
+        packages: packages that must be installed.
+        success: the task's own criterion, if it has one.
+    """
+
+    environment: str
+    thresholds: tuple[float, ...]
+    rate: float
+    episodes: int = 15
+    changes: tuple[str, ...] = ()
+    discounted: bool = False
+    packages: tuple[str, ...] = ()
+    success: Success | None = None
+
+
+def balanced(observations: Array) -> Array:
+    """Return whether the cart and the pole of each episode are in the middle and upright in the last second."""
+    x, cosine, sine = np.moveaxis(observations[:, -20:], 2, 0)[[0, 2, 3]]
+    angle = np.pi - np.abs(np.arctan2(sine, cosine))
+    return np.asarray(((np.abs(x) <= 0.1) & (angle <= 0.25)).all(axis=1))
+
+
+CLIP, WRAP = (f"environment.options.angle={at_the_ends}" for at_the_ends in ("clip", "wrap"))
+ANGLE, WINDOW = "inputs.angles=[0]", "inputs.history=5"
+SWUNG_UP = (45.0, 50.0)  # of 51.8 at best
+MUJOCO, CONTROL = ("mujoco",), ("shimmy", "dm-control", "mujoco")
+THOUSAND = ("horizon=1000",)  # which dm_control does not declare
+TASKS = {
+    "pendulum-clip": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(CLIP,), discounted=True),
+    "pendulum-wrap": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(WRAP, ANGLE), discounted=True),
+    "pendulum-pomdp": Task("rkhs/PendulumPOMDP-v0", SWUNG_UP, 10, changes=(ANGLE, WINDOW), discounted=True),
+    "Pendulum-v1": Task("Pendulum-v1", (-170.0, -150.0), 20),
+    "cart-pole": Task("rkhs/CartPoleSwingUp-v0", (45.0, 48.0), 20, success=balanced),
+    "cartpole-swingup": Task("shimmy:dm_control/cartpole-swingup-v0", (750.0,), 100, packages=CONTROL),
+    "cartpole-balance": Task("shimmy:dm_control/cartpole-balance-v0", (950.0,), 100, 5, packages=CONTROL),
+    "pendulum-swingup": Task("shimmy:dm_control/pendulum-swingup-v0", (750.0,), 50, packages=CONTROL),
+    "reacher-easy": Task("shimmy:dm_control/reacher-easy-v0", (900.0,), 50, 30, packages=CONTROL),
+    "ball-in-cup": Task("shimmy:dm_control/ball_in_cup-catch-v0", (900.0,), 50, 30, packages=CONTROL),
+    "InvertedPendulum-v5": Task("InvertedPendulum-v5", (900.0, 999.0), 25, 12, packages=MUJOCO),
+    "InvertedDoublePendulum-v5": Task("InvertedDoublePendulum-v5", (9000.0,), 20, 40, packages=MUJOCO),
+    "Reacher-v5": Task("Reacher-v5", (-7.0, -6.0), 50, 30, packages=MUJOCO),
+    "Swimmer-v5": Task("Swimmer-v5", (30.0, 100.0), 25, packages=MUJOCO),
+    "MountainCarContinuous-v0": Task("MountainCarContinuous-v0", (90.0,), float("nan"), 5),
+    "ball-on-beam": Task("rkhs/BallOnBeam-v0", (-0.2,), 50),
+    "tanks": Task("rkhs/Tanks-v0", (-2.0,), 1),
+    "furuta": Task("rkhs/Furuta-v0", (150.0,), 100),
+    "pr2-door": Task(
+        "rkhs/PR2Door-v0",
+        (0.5, 0.8),
+        float("nan"),
+        100,
+        ("environment.options.pose=per_episode",),
+        packages=("pybullet",),
+    ),
+}
+
+
+class Key(NamedTuple):
+    """What a curve is of."""
+
+    task: str
+    learner: str
+    seed: int
+
+
+Curves = dict[Key, list[Point]]
+
+
+def read_curves(path: Path) -> Curves:
+    """Return the curves of a file; none if it does not exist."""
+    if not path.exists():
+        return {}
+    with path.open(newline="") as file:
+        _, *lines = csv.reader(file)
+    return {
+        Key(task, learner, int(seed)): [
+            Point(int(e), int(s), *map(float, rest), int(repeat)) for _, _, _, e, s, *rest, repeat in each
+        ]
+        for (task, learner, seed), each in groupby(lines, lambda line: tuple(line[:3]))
+    }
+
+
+def write_curves(path: Path, curves: Curves) -> None:
+    """Write a file of curves, sorted by task, learner and seed."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow((*Key._fields, *Point._fields))
+    for key in sorted(curves):
+        for point in curves[key]:
+            writer.writerow((*key, *(f"{value:.6g}" for value in point)))
+    write_whole(path, text.getvalue().encode())

@@ -9,17 +9,16 @@ from hypothesis import strategies as st
 
 import tasks
 from task_learners import LEARNERS
-from task_table import Cell, cells_of, shown
-from trial import Point
+from trial import TASKS, Key, Point, read_curves, write_curves
 
 
-@pytest.mark.parametrize("name", tasks.TASKS)
+@pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_settings_that_fit(name: str) -> None:
-    if not tasks.missing(tasks.TASKS[name].packages):
+    if not tasks.missing(TASKS[name].packages):
         for learner in LEARNERS:
-            trial = tasks.TASKS[name].trial(learner, 3)
+            trial = tasks.trial_of(TASKS[name], learner, 3)
             assert trial.config.training.seed == 3
-            assert trial.episodes == (tasks.TASKS[name].episodes if learner == "ours" else 100)
+            assert trial.episodes == (TASKS[name].episodes if learner == "ours" else 100)
 
 
 def curve(returns: list[float]) -> list[Point]:
@@ -28,17 +27,17 @@ def curve(returns: list[float]) -> list[Point]:
 
 
 def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
-    keys = [tasks.Key("tanks", "ours", 2), tasks.Key("tanks", "sac", 1), tasks.Key("tanks", "sac", 0)]
+    keys = [Key("tanks", "ours", 2), Key("tanks", "sac", 1), Key("tanks", "sac", 0)]
     curves = {key: curve([float(key.seed), -5.0]) for key in keys}
-    tasks.write_curves(tmp_path / "curves.csv", curves)
-    assert tasks.read_curves(tmp_path / "curves.csv") == curves
+    write_curves(tmp_path / "curves.csv", curves)
+    assert read_curves(tmp_path / "curves.csv") == curves
     assert tasks.repeat_of(curves, "tanks") == 1
     assert tasks.repeat_of(curves, "cart-pole") is None
 
 
 @given(st.lists(st.floats(0.0, 60.0), min_size=1, max_size=12))
 def test_a_threshold_is_reached_at_the_first_point_that_is_not_below_it(returns: list[float]) -> None:
-    cell = Cell(tasks.TASKS["cart-pole"], [curve(returns)])
+    cell = tasks.Cell(TASKS["cart-pole"], [curve(returns)])
     until = [count for count, each in zip(range(2, 99, 2), returns, strict=False) if each >= 45.0]
     assert cell.until(45.0, "episodes").value == min(until, default=np.inf)
     assert cell.until(45.0, "steps").value == 7 * min(until, default=np.inf)
@@ -49,6 +48,6 @@ def test_a_threshold_is_reached_at_the_first_point_that_is_not_below_it(returns:
 
 
 def test_the_table_counts_seeds_that_never_reach_a_threshold() -> None:
-    curves = {tasks.Key("cart-pole", "sac", seed): curve([10.0, 46.0 if seed < 1 else 3.0]) for seed in range(3)}
-    cell = cells_of(curves)["cart-pole"]["sac"]
-    assert shown(cell.until(45.0, "episodes")) == "never [4, never]"
+    curves = {Key("cart-pole", "sac", seed): curve([10.0, 46.0 if seed < 1 else 3.0]) for seed in range(3)}
+    cell = tasks.cells_of(curves)["cart-pole"]["sac"]
+    assert tasks.shown(cell.until(45.0, "episodes")) == "never [4, never]"
