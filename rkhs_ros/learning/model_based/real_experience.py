@@ -67,12 +67,6 @@ class RealExperience:
         stuck = self.reward_depends_on_action_only or is_stuck(self.recorded, self.newest, self.training.discount)
         return self.may_explore and stuck
 
-    def earned(self, horizon: int) -> Array:
-        """Return the mean real return of each policy so far within a horizon, the newest policy first."""
-        rewards = self.episodes.rewards[:, :horizon]
-        returns = rewards @ self.discount ** np.arange(rewards.shape[1])
-        return np.asarray(returns.reshape(-1, self.newest).mean(axis=1)[::-1])
-
     @property
     def reward_width(self) -> float:
         """Width of the observed range of rewards, except terminal ones; 1 if all are equal."""

@@ -101,20 +101,15 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     focused = not model.starts_vary
     if focused:
         algorithm = _finer(algorithm)
-
-    def in_worlds(count: int) -> ModelRunner:
-        return ModelRunner(
-            model,
-            optimism=experience.reward_width if optimistic else 0.0,
-            visited_starts=not focused,
-            worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
-        )
-
-    several = in_worlds(WORLDS if experience.may_explore else 0)
-    first = in_worlds(1) if focused and experience.may_explore else several
-    policies = [policy, *experience.earlier]
-    earned = experience.earned(_horizon(experience)) if focused and experience.may_explore else None
-    policy, metrics, expected = _optimise(settings, algorithm, start, policies, experience, (first, several), earned)
+    count = 0 if not experience.may_explore else 1 if focused else WORLDS
+    runner = ModelRunner(
+        model,
+        optimism=experience.reward_width if optimistic else 0.0,
+        visited_starts=not focused,
+        worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
+    )
+    candidates = [each for each in (policy, *experience.earlier) if each.inputs == inputs]
+    policy, metrics, expected = _optimise(settings, algorithm, start, candidates, experience, runner)
     policy = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
@@ -158,31 +153,19 @@ def _optimise(
     start: GaussianPolicy,
     earlier: list[GaussianPolicy],
     experience: RealExperience,
-    runners: tuple[ModelRunner, ModelRunner],
-    earned: Array | None,
+    runner: ModelRunner,
 ) -> tuple[GaussianPolicy, Metrics, float]:
     """Update a policy in the model; return the best of all with the metrics of the last update and its return there.
 
-    If training from the start finds nothing better than the earlier policies, it goes on, with the second runner, from
-    the best of these: that which earned the most, or, without comparable real returns, that which the model prefers.
+    If training from the start finds nothing better than the earlier policies, it goes on from the best of these.
     """
     horizon, discount = _horizon(experience), experience.discount
-    seed = stream_seed(experience.training.seed, "validation", experience.iteration)
-    validation = Validation(settings.rollouts, runners[0], seed, horizon, discount)
-    usable = {
-        number: replace(each, noise="white", action_repeat=1)
-        for number, each in enumerate(earlier)
-        if each.inputs == start.inputs and each.mean.weights.any()
-    }
-    if earned is not None and usable:
-        best = max(usable, key=lambda number: float(earned[number]))
-        validation.consider_proven(usable[best], float(earned[best]), float(earned.min()))
-    else:
-        for each in usable.values():
-            validation.consider_earlier(each)
+    validation = Validation(settings.rollouts, runner, _validation_seed(experience), horizon, discount)
+    for each in earlier:
+        validation.consider_earlier(replace(each, noise="white", action_repeat=1))
     first = np.sqrt(experience.first_variance)
     number = 0
-    for runner, deviation in zip(runners, (first, NARROW * first), strict=True):
+    for deviation in (first, NARROW * first):
         policy = replace(start, variance=ConstantVariance(deviation**2), noise="white", action_repeat=1)
         memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
         memory = memory.with_inputs(policy.inputs)
@@ -200,7 +183,7 @@ def _optimise(
         if validation.kept is None or validation.best is not validation.kept:
             break
         start = validation.kept.policy  # nothing new is better, so improve this one
-        validation.resume(runners[1])
+        validation.resume()
     if validation.best is None:  # the updates had no direction
         return policy, metrics, float(rollouts.returns(discount).mean())
     return validation.best.policy, metrics, validation.best.mean
@@ -257,6 +240,10 @@ def _horizon(experience: RealExperience) -> int:
 def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Batch:
     seed = stream_seed(experience.training.seed, "practice", experience.iteration)
     return Batch(seed, number * settings.rollouts, settings.rollouts, _horizon(experience), explore=True)
+
+
+def _validation_seed(experience: RealExperience) -> int:
+    return stream_seed(experience.training.seed, "validation", experience.iteration)
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:
