@@ -181,7 +181,11 @@ def shown(estimate: Estimate) -> str:
     """Return three digits of an estimate and its interval."""
     if np.isnan(estimate.value):
         return "-"
-    numbers = ["never" if np.isinf(each) else _minus(f"{each:.3g}") for each in estimate]
+    rounded = [float(f"{each:.3g}") if np.isfinite(each) else each for each in estimate]
+    numbers = [
+        "never" if np.isinf(each) else _minus(f"{each:,.0f}" if abs(each) >= 1000.0 else f"{each:g}")
+        for each in rounded
+    ]
     alone = np.isnan(estimate.low) or numbers == ["never"] * 3
     return numbers[0] if alone else f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
 
@@ -192,11 +196,12 @@ def _minus(text: str) -> str:
 
 def overview(cells: Mapping[str, Mapping[str, Cell]]) -> str:
     """Return a Markdown table of the median episodes until the first threshold, one line per task."""
-    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in LEARNERS) + " |"]
-    lines.append("|---" * (2 + len(LEARNERS)) + "|")
+    learners = [learner for learner in LEARNERS if any(learner in its for its in cells.values())]
+    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " |"]
+    lines.append("|---" * (2 + len(learners)) + "|")
     for task, its in cells.items():
         threshold = TASKS[task].thresholds[0]
-        found = [shown(its[each].until(threshold, "episodes")) if each in its else "-" for each in LEARNERS]
+        found = [shown(its[each].until(threshold, "episodes")) if each in its else "-" for each in learners]
         lines.append(f"| `{task}` | {_minus(f'{threshold:g}')} | {' | '.join(found)} |")
     return "\n".join([*lines, ""])
 
@@ -204,16 +209,19 @@ def overview(cells: Mapping[str, Mapping[str, Cell]]) -> str:
 def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
     """Return the returns of the learners over episodes and over seconds of experience: medians and quartiles."""
     figure = Figure((9.0, 2.8), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    units = {"episodes": 1.0} | (
+        {} if np.isnan(TASKS[task].rate) else {"seconds of experience": 1.0 / TASKS[task].rate}
+    )
+    panels = figure.subplots(1, len(units), sharey=True, squeeze=False)[0]
     for learner, cell in cells.items():
-        for panel, unit in zip(panels, (1.0, 1.0 / TASKS[task].rate), strict=True):
+        for panel, unit in zip(panels, units.values(), strict=True):
             counted = "episodes" if unit == 1.0 else "steps"
             at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
             steady = [_held(cell, curve, counted, at) for curve in cell.curves]
             low, middle, high = np.nanquantile(steady, (0.25, 0.5, 0.75), axis=0)
             (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
             panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
-    for panel, name in zip(panels, ("episodes", "seconds of experience"), strict=True):
+    for panel, name in zip(panels, units, strict=True):
         panel.set(xscale="log", xlabel=name)
         for threshold in TASKS[task].thresholds:
             panel.axhline(threshold, color="0.7", linewidth=0.8, linestyle=":")
@@ -247,7 +255,8 @@ def make_table(cells: Mapping[str, Mapping[str, Cell]]) -> int:
     TABLE.write_text(text_of_table(cells))
     PAGE.write_text(page_with(overview(cells)))
     for name, its in cells.items():
-        picture(name, its).savefig(TABLE.parent / f"{name}.png", dpi=100)
+        if "ours" in its:
+            picture(name, its).savefig(TABLE.parent / f"{name}.png", dpi=100)
     return 0
 
 

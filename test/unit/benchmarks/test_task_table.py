@@ -51,3 +51,10 @@ def test_the_table_counts_seeds_that_never_reach_a_threshold() -> None:
     curves = {Key("cart-pole", "sac", seed): curve([10.0, 46.0 if seed < 1 else 3.0]) for seed in range(3)}
     cell = tasks.cells_of(curves)["cart-pole"]["sac"]
     assert tasks.shown(cell.until(45.0, "episodes")) == "never [4, never]"
+
+
+@pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")
+def test_table_and_page_are_those_of_the_stored_curves() -> None:
+    cells = tasks.cells_of(read_curves(tasks.CURVES))
+    assert tasks.TABLE.read_text() == tasks.text_of_table(cells)
+    assert tasks.PAGE.read_text() == tasks.page_with(tasks.overview(cells))
