@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from io import StringIO
 from itertools import groupby
 from pathlib import Path
@@ -194,19 +195,20 @@ def balanced(observations: Array) -> Array:
 CLIP, WRAP = (f"environment.options.angle={at_the_ends}" for at_the_ends in ("clip", "wrap"))
 ANGLE, WINDOW = "inputs.angles=[0]", "inputs.history=5"
 SWUNG_UP = (45.0, 50.0)  # of 51.8 at best
-MUJOCO, CONTROL = ("mujoco",), ("shimmy", "dm-control", "mujoco")
-THOUSAND = ("horizon=1000",)  # which dm_control does not declare
+MUJOCO = ("mujoco",)
+# These tasks declare no horizon.
+dm_control = partial(Task, changes=("horizon=1000",), packages=("shimmy", "dm-control", "mujoco"))
 TASKS = {
     "pendulum-clip": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(CLIP,), discounted=True),
     "pendulum-wrap": Task("rkhs/Pendulum-v0", SWUNG_UP, 10, changes=(WRAP, ANGLE), discounted=True),
     "pendulum-pomdp": Task("rkhs/PendulumPOMDP-v0", SWUNG_UP, 10, changes=(ANGLE, WINDOW), discounted=True),
     "Pendulum-v1": Task("Pendulum-v1", (-170.0, -150.0), 20),
     "cart-pole": Task("rkhs/CartPoleSwingUp-v0", (45.0, 48.0), 20, success=balanced),
-    "cartpole-swingup": Task("shimmy:dm_control/cartpole-swingup-v0", (750.0,), 100, packages=CONTROL),
-    "cartpole-balance": Task("shimmy:dm_control/cartpole-balance-v0", (950.0,), 100, 5, packages=CONTROL),
-    "pendulum-swingup": Task("shimmy:dm_control/pendulum-swingup-v0", (750.0,), 50, packages=CONTROL),
-    "reacher-easy": Task("shimmy:dm_control/reacher-easy-v0", (900.0,), 50, 30, packages=CONTROL),
-    "ball-in-cup": Task("shimmy:dm_control/ball_in_cup-catch-v0", (900.0,), 50, 30, packages=CONTROL),
+    "cartpole-swingup": dm_control("shimmy:dm_control/cartpole-swingup-v0", (750.0,), 100),
+    "cartpole-balance": dm_control("shimmy:dm_control/cartpole-balance-v0", (950.0,), 100, 5),
+    "pendulum-swingup": dm_control("shimmy:dm_control/pendulum-swingup-v0", (750.0,), 50),
+    "reacher-easy": dm_control("shimmy:dm_control/reacher-easy-v0", (900.0,), 50, 30),
+    "ball-in-cup": dm_control("shimmy:dm_control/ball_in_cup-catch-v0", (900.0,), 50, 30),
     "InvertedPendulum-v5": Task("InvertedPendulum-v5", (900.0, 999.0), 25, 12, packages=MUJOCO),
     "InvertedDoublePendulum-v5": Task("InvertedDoublePendulum-v5", (9000.0,), 20, 40, packages=MUJOCO),
     "Reacher-v5": Task("Reacher-v5", (-7.0, -6.0), 50, 30, packages=MUJOCO),

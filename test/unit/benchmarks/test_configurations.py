@@ -4,11 +4,9 @@ import math
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from configurations import Result, as_markdown, names, read_results, result_of, summaries
-from trial import median_until
 
 ROOT = Path(__file__).parents[3]
 FILE = ROOT / "docs" / "results" / "configurations.csv"
@@ -68,13 +66,3 @@ def test_the_output_of_the_demo_shows_the_results_without_a_model() -> None:
         r"([\d.]+) real episodes to reach 45, and ([\d.]+) to reach 50", text_of("docs/start.md")
     )
     assert median("pendulum_wrap_few_nac") == f"{of_45} / {of_50}"
-
-
-def test_the_table_of_tasks_gives_the_medians_of_its_numbers() -> None:
-    page = (ROOT / "docs" / "tasks.md").read_text()
-    rows = re.findall(r"\| (\d+) to (\d+) \| ([^|]*, [^|]*) \| ([^|]*) \|\n", page)
-    assert rows
-    for first, last, episodes, given in rows:
-        until = [math.inf if "never" in each else float(each) for each in episodes.split(",")]
-        assert len(until) == int(last) - int(first) + 1
-        assert str(median_until(np.array(until))) == given.strip()

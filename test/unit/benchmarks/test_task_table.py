@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu
 
+import task_table
 import tasks
 from task_learners import LEARNERS
 from trial import TASKS, Key, Point, read_curves, write_curves
@@ -37,7 +39,7 @@ def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
 
 @given(st.lists(st.floats(0.0, 60.0), min_size=1, max_size=12))
 def test_a_threshold_is_reached_at_the_first_point_that_is_not_below_it(returns: list[float]) -> None:
-    cell = tasks.Cell(TASKS["cart-pole"], [curve(returns)])
+    cell = task_table.Cell(TASKS["cart-pole"], [curve(returns)])
     until = [count for count, each in zip(range(2, 99, 2), returns, strict=False) if each >= 45.0]
     assert cell.until(45.0, "episodes").value == min(until, default=np.inf)
     assert cell.until(45.0, "steps").value == 7 * min(until, default=np.inf)
@@ -49,12 +51,35 @@ def test_a_threshold_is_reached_at_the_first_point_that_is_not_below_it(returns:
 
 def test_the_table_counts_seeds_that_never_reach_a_threshold() -> None:
     curves = {Key("cart-pole", "sac", seed): curve([10.0, 46.0 if seed < 1 else 3.0]) for seed in range(3)}
-    cell = tasks.cells_of(curves)["cart-pole"]["sac"]
-    assert tasks.shown(cell.until(45.0, "episodes")) == "never [4, never]"
+    cell = task_table.cells_of(curves)["cart-pole"]["sac"]
+    assert task_table.shown(cell.until(45.0, "episodes")) == "never [4, never]"
+
+
+SCORES = st.lists(st.integers(0, 5), min_size=2, max_size=6).map(lambda scores: np.array(scores, float))
+
+
+@given(st.lists(st.tuples(SCORES, SCORES), min_size=1, max_size=3))
+@settings(max_examples=20, deadline=None)
+def test_the_probability_of_improvement_is_the_mean_over_tasks_of_mann_whitneys_statistic(
+    pairs: list[tuple[np.ndarray, np.ndarray]],
+) -> None:
+    found = task_table.improvement(*zip(*pairs, strict=True))
+    expected = np.mean([mannwhitneyu(ours, theirs).statistic / (len(ours) * len(theirs)) for ours, theirs in pairs])
+    assert found.value == pytest.approx(expected)
+    assert found.low <= found.value <= found.high
+    reverse = task_table.improvement(*zip(*(pair[::-1] for pair in pairs), strict=True))
+    assert reverse.value == pytest.approx(1.0 - expected)
+
+
+def test_a_profile_weighs_tasks_equally_and_never_counts_runs_that_did_not_end() -> None:
+    found = task_table.profile([np.array([2.0, 4.0, np.inf, np.inf]), np.array([3.0])], np.array([1.0, 2.0, 3.0, 9.0]))
+    assert found.value.tolist() == [0.0, 0.125, 0.625, 0.75]
+    assert found.low[3] == 0.5  # the run of the second task, and none of the first
+    assert found.high[3] == 1.0
 
 
 @pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")
 def test_table_and_page_are_those_of_the_stored_curves() -> None:
-    cells = tasks.cells_of(read_curves(tasks.CURVES))
-    assert tasks.TABLE.read_text() == tasks.text_of_table(cells)
-    assert tasks.PAGE.read_text() == tasks.page_with(tasks.overview(cells))
+    cells = task_table.cells_of(read_curves(tasks.CURVES))
+    assert task_table.TABLE.read_text() == task_table.text_of_table(cells)
+    assert task_table.PAGE.read_text() == task_table.page_with(task_table.summary(cells))

@@ -1,0 +1,298 @@
+"""Make the table of tasks, its summary on the page, and its pictures from the stored curves.
+
+Profiles and probabilities of improvement follow Agarwal et al. (2021), "Deep Reinforcement Learning at the Edge of the
+Statistical Precipice": the runs of each task are resampled separately, and each task has the same weight.
+"""
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.studies.aggregates import CONFIDENCE, RESAMPLES, SEED, Estimate, mean_over_runs
+from task_learners import LEARNERS
+from trial import TASKS, Curves, Point, Task, median_until
+
+PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+RESULTS = PAGE.parent / "results" / "tasks"
+TABLE = RESULTS / "table.csv"
+BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
+AFTER = (5, 10, 20, 50, 100)  # episodes
+SCORES = ("episodes", "steps", "return")
+COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
+
+
+class Cell(NamedTuple):
+    """The curves of a learner on a task."""
+
+    task: Task
+    curves: Sequence[Sequence[Point]]
+
+    def returns(self, curve: Sequence[Point]) -> Array:
+        """Return the returns of a curve that the thresholds are for."""
+        return np.array([p.discounted_return if self.task.discounted else p.undiscounted_return for p in curve])
+
+    def first(self, threshold: float) -> list[int | None]:
+        """Return the number of the first point of each curve that reaches a threshold."""
+        reached = [np.flatnonzero(self.returns(curve) >= threshold) for curve in self.curves]
+        return [int(each[0]) if len(each) else None for each in reached]
+
+    def until(self, threshold: float, measure: str) -> Estimate:
+        """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
+        return median_until(self.counts(threshold, measure))
+
+    def counts(self, threshold: float, measure: str) -> Array:
+        """Return the ``episodes`` or ``steps`` of each curve until a threshold; infinite where it is not reached."""
+        counts = [
+            np.inf if at is None else float(getattr(curve[at], measure))
+            for at, curve in zip(self.first(threshold), self.curves, strict=True)
+        ]
+        return np.array(counts)
+
+    def until_success(self) -> Estimate:
+        """Return the median episodes until 90 % of the evaluation episodes meet the task's own criterion."""
+        counts = [[p.episodes for p in curve if p.succeeded >= 0.9] for curve in self.curves]
+        return median_until(np.array([its[0] if its else np.inf for its in counts]))
+
+    def scores(self, how: str) -> Array:
+        """Return a score of each curve: minus the episodes or steps to the first threshold, or the last return."""
+        if how == "return":
+            return np.array([self.returns(curve)[-1] for curve in self.curves])
+        return -self.counts(self.task.thresholds[0], how)
+
+    def after(self, episodes: int) -> Array:
+        """Return the return of each curve at its last point within a number of episodes; nan if it ends earlier."""
+        return np.array([self._after(curve, episodes) for curve in self.curves])
+
+    def _after(self, curve: Sequence[Point], episodes: int) -> float:
+        within = [number for number, point in enumerate(curve) if point.episodes <= episodes]
+        return float(self.returns(curve)[within[-1]]) if within and curve[-1].episodes >= episodes else np.nan
+
+    def below(self, threshold: float) -> str:
+        """Return how many of the points after the first success are below the threshold."""
+        later = [
+            self.returns(curve)[at + 1 :] < threshold
+            for at, curve in zip(self.first(threshold), self.curves, strict=True)
+            if at is not None
+        ]
+        count = sum(map(len, later))
+        return f"{sum(each.sum() for each in later) / count:.0%}" if count else "-"
+
+
+Cells = dict[str, dict[str, Cell]]  # by task and learner
+
+
+def cells_of(curves: Curves) -> Cells:
+    """Return the cells in the order of the tables."""
+    found: Cells = {}
+    for task in TASKS:
+        for learner in LEARNERS:
+            its = [curve for key, curve in curves.items() if key[:2] == (task, learner)]
+            if its:
+                found.setdefault(task, {})[learner] = Cell(TASKS[task], its)
+    return found
+
+
+def line_of(task: str, learner: str, cell: Cell) -> tuple[str, ...]:
+    """Return the line of a learner on a task in the table."""
+    thresholds, rate = cell.task.thresholds, cell.task.rate
+    episodes = [cell.until(threshold, "episodes") for threshold in thresholds]
+    steps = [cell.until(threshold, "steps") for threshold in thresholds]
+    seconds = [Estimate(*(each / rate for each in estimate)) for estimate in steps]
+    cost = np.median([curve[-1].cpu_seconds / curve[-1].episodes for curve in cell.curves])
+    return (
+        task,
+        learner,
+        str(len(cell.curves)),
+        " / ".join(_minus(f"{threshold:g}") for threshold in thresholds),
+        *(" / ".join(map(shown, each)) for each in (episodes, steps, seconds)),
+        shown(cell.until_success()) if cell.task.success else "-",
+        *(shown(mean_over_runs(cell.after(count))) for count in AFTER),
+        cell.below(thresholds[0]),
+        f"{cost:.2g}",
+    )
+
+
+HEAD = (
+    *(
+        "task",
+        "learner",
+        "seeds",
+        "thresholds",
+        "episodes to them",
+        "steps to them",
+        "seconds to them",
+        "episodes to success",
+    ),
+    *(f"return after {count}" for count in AFTER),
+    *("later below", "CPU s per episode"),
+)
+
+
+def shown(estimate: Estimate) -> str:
+    """Return three digits of an estimate and its interval."""
+    if np.isnan(estimate.value):
+        return "-"
+    rounded = [float(f"{each:.3g}") if np.isfinite(each) else each for each in estimate]
+    numbers = [
+        "never" if np.isinf(each) else _minus(f"{each:,.0f}" if abs(each) >= 1000.0 else f"{each:g}")
+        for each in rounded
+    ]
+    alone = np.isnan(estimate.low) or numbers == ["never"] * 3
+    return numbers[0] if alone else f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "\u2212") if text.startswith("-") else text
+
+
+def summary(cells: Cells) -> str:
+    """Return two tables in Markdown: the median episodes until the first threshold, and ours against each learner."""
+    learners = [learner for learner in LEARNERS if any(learner in its for its in cells.values())]
+    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " |"]
+    lines.append("|---" * (2 + len(learners)) + "|")
+    for task, its in cells.items():
+        threshold = TASKS[task].thresholds[0]
+        found = [
+            f"{shown(its[each].until(threshold, 'episodes'))} ({len(its[each].curves)})" if each in its else "-"
+            for each in learners
+        ]
+        lines.append(f"| `{task}` | {_minus(f'{threshold:g}')} | {' | '.join(found)} |")
+    lines += [
+        "",
+        "| `ours` against | Tasks | Fewer episodes | Fewer steps | Higher return at the end |",
+        "|---" * 5 + "|",
+    ]
+    for learner in learners:
+        both = [its for its in cells.values() if learner != "ours" and {"ours", learner} <= set(its)]
+        if both:
+            found = [
+                _share(improvement(*([its[each].scores(how) for its in both] for each in ("ours", learner))))
+                for how in SCORES
+            ]
+            lines.append(f"| `{learner}` | {len(both)} | {' | '.join(found)} |")
+    return "\n".join([*lines, ""])
+
+
+def _share(estimate: Estimate) -> str:
+    return f"{estimate.value:.0%} [{estimate.low:.0%}, {estimate.high:.0%}]"
+
+
+def improvement(ours: Sequence[Array], theirs: Sequence[Array]) -> Estimate:
+    """Return the probability of improvement: that a run of ours has a greater score than one of theirs.
+
+    Given are the scores of the runs on each task. Equal scores count as half.
+    """
+    wins = [(x[:, None] > y) + 0.5 * (x[:, None] == y) for x, y in zip(ours, theirs, strict=True)]
+
+    def drawn(rng: np.random.Generator, each: Array) -> Array:
+        rows, columns = (rng.integers(count, size=(RESAMPLES, count)) for count in each.shape)
+        return each[rows[:, :, None], columns[:, None, :]].mean(axis=(1, 2))
+
+    return _over_tasks([each.mean() for each in wins], wins, drawn)
+
+
+def profile(counts: Sequence[Array], at: Array) -> Estimate:
+    """Return the share of the runs that needed at most each count of ``at``.
+
+    Given are the counts of the runs of each task, infinite for runs that did not end.
+    """
+    within = [(each[:, None] <= at).astype(np.float64) for each in counts]
+
+    def drawn(rng: np.random.Generator, each: Array) -> Array:
+        return each[rng.integers(len(each), size=(RESAMPLES, len(each)))].mean(axis=1)
+
+    return _over_tasks([each.mean(axis=0) for each in within], within, drawn)
+
+
+def _over_tasks(
+    values: Sequence[Array], samples: Sequence[Array], drawn: Callable[[np.random.Generator, Array], Array]
+) -> Estimate:
+    """Return the mean of a statistic over tasks, with the percentile interval of its draws."""
+    rng = np.random.default_rng(SEED)
+    means = np.mean([drawn(rng, each) for each in samples], axis=0)
+    low, high = np.quantile(means, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], axis=0)
+    return Estimate(np.mean(values, axis=0), low, high)
+
+
+def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
+    """Return the returns of the learners over episodes and over seconds of experience: medians and quartiles."""
+    figure = Figure((9.0, 2.8), layout="constrained")
+    units = {"episodes": 1.0} | (
+        {} if np.isnan(TASKS[task].rate) else {"seconds of experience": 1.0 / TASKS[task].rate}
+    )
+    panels = figure.subplots(1, len(units), sharey=True, squeeze=False)[0]
+    for learner, cell in cells.items():
+        for panel, unit in zip(panels, units.values(), strict=True):
+            counted = "episodes" if unit == 1.0 else "steps"
+            at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
+            steady = [_held(cell, curve, counted, at) for curve in cell.curves]
+            low, middle, high = np.nanquantile(steady, (0.25, 0.5, 0.75), axis=0)
+            (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
+            panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
+    for panel, name in zip(panels, units, strict=True):
+        panel.set(xscale="log", xlabel=name)
+        for threshold in TASKS[task].thresholds:
+            panel.axhline(threshold, color="0.7", linewidth=0.8, linestyle=":")
+    panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
+    panels[0].legend(fontsize="small", frameon=False)
+    return figure
+
+
+def _held(cell: Cell, curve: Sequence[Point], counted: str, at: Array) -> Array:
+    """Return the return of the last point before each count; nan before the first point and after the last one."""
+    counts = np.array([getattr(point, counted) for point in curve])
+    last = np.searchsorted(counts, at, side="right") - 1
+    values = cell.returns(curve)[np.maximum(last, 0)]
+    return np.where((last >= 0) & (at <= counts[-1]), values, np.nan)
+
+
+def picture_of_all(cells: Cells) -> Figure:
+    """Return the share of runs that reached the first threshold, over the tasks that every learner ran."""
+    learners = [
+        each for each in LEARNERS if not LEARNERS[each].holds_actions and any(each in its for its in cells.values())
+    ]
+    common = [its for its in cells.values() if set(learners) <= set(its)]
+    figure = Figure((9.0, 2.8), layout="constrained")
+    for panel, measure in zip(figure.subplots(1, 2, sharey=True), ("episodes", "steps"), strict=True):
+        for learner in learners:
+            counts = [-its[learner].scores(measure) for its in common]
+            ends = [getattr(curve[-1], measure) for its in common for curve in its[learner].curves]
+            at = np.unique([count for each in (*counts, ends) for count in each if np.isfinite(count)])
+            share = profile(counts, at)
+            panel.step(at, share.value, where="post", label=learner, color=COLOURS[learner])
+            panel.fill_between(at, share.low, share.high, step="post", alpha=0.2, color=COLOURS[learner], linewidth=0)
+        panel.set(xscale="log", xlabel=measure, ylim=(0.0, 1.0))
+    panel.legend(fontsize="small", frameon=False)
+    figure.supylabel(f"runs at the threshold, {len(common)} tasks", fontsize="medium")
+    return figure
+
+
+def text_of_table(cells: Mapping[str, Mapping[str, Cell]]) -> str:
+    """Return the table as CSV, one line per task and learner."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEAD)
+    writer.writerows(line_of(task, learner, cell) for task, its in cells.items() for learner, cell in its.items())
+    return text.getvalue()
+
+
+def make_table(curves: Curves) -> None:
+    """Write the table, the part of the page, and the pictures."""
+    cells = cells_of(curves)
+    TABLE.write_text(text_of_table(cells))
+    PAGE.write_text(page_with(summary(cells)))
+    pictures = {task: picture(task, its) for task, its in cells.items() if "ours" in its}
+    for name, figure in {"all": picture_of_all(cells), **pictures}.items():
+        figure.savefig(RESULTS / f"{name}.png", dpi=100)
+
+
+def page_with(summary: str) -> str:
+    """Return the page with a summary in place of its own."""
+    before, rest = PAGE.read_text().split(BEGIN)
+    return before + BEGIN + "\n" + summary + "\n" + END + rest.split(END)[1]
