@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.studies.aggregates import CONFIDENCE, RESAMPLES, SEED, Estimate, mean_over_runs
@@ -267,9 +268,10 @@ def picture_of_all(cells: Cells) -> Figure:
             share = profile(counts, at)
             panel.step(at, share.value, where="post", label=learner, color=COLOURS[learner])
             panel.fill_between(at, share.low, share.high, step="post", alpha=0.2, color=COLOURS[learner], linewidth=0)
-        panel.set(xscale="log", xlabel=measure, ylim=(0.0, 1.0))
+        panel.set(xscale="log", xlabel=measure, xlim=(1.0, None), ylim=(-0.03, 1.03))
+        panel.xaxis.set_major_formatter(ScalarFormatter())
     panel.legend(fontsize="small", frameon=False)
-    figure.supylabel(f"runs at the threshold, {len(common)} tasks", fontsize="medium")
+    figure.supylabel(f"share of runs, {len(common)} tasks", fontsize="medium")
     return figure
 
 

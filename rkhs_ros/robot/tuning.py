@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import ceil, floor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ SCALES = ("linear", "log")
 CENTRES = 200  # of the model of the reward
 ANYWHERE, NEARBY = 1000, 300  # candidates for a trial in the ranges, and at each distance from the best trial
 NEARBY_SD = (0.03, 0.1, 0.3)  # these distances
+SLACK = 1e-9  # of the ends of a range in steps, for rounding errors
 LEAST_SD = 1e-12  # of the reward, to divide by
 NEAR, FEWEST_PAIRS = 0.03, 5  # distance of two trials whose rewards differ by noise, and how many such pairs show it
 
@@ -43,11 +45,15 @@ class Parameter(Settings):
         share = np.log(value / low) / np.log(high / low) if self.scale == "log" else (value - low) / (high - low)
         return float(2.0 * share - 1.0)
 
-    def value(self, place: float) -> float:
-        """Return the value at a place of the range, from -1 to 1."""
+    def value(self, place: float, *, origin: float = 0.0, step: float = 0.0) -> float:
+        """Return the value at a place of the range, from -1 to 1; the nearest one in steps from an origin, if any."""
         low, high, share = self.minimum, self.maximum, 0.5 * (1.0 + place)
         value = low * (high / low) ** share if self.scale == "log" else low + share * (high - low)
-        return float(min(max(value, low), high))  # rounding errors are outside, and the node would reject them
+        value = min(max(value, low), high)  # rounding errors are outside, and the node would reject them
+        if step > 0.0:
+            first, last = ceil((low - origin) / step - SLACK), floor((high - origin) / step + SLACK)
+            value = origin + step * min(max(round((value - origin) / step), first), last)
+        return float(value)
 
 
 @dataclass(frozen=True)
@@ -77,10 +83,6 @@ class Tuning(Settings):
     reward: Reward = Reward()
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     sensors: Sensors = field(default=Sensors({}, 0.5))
-
-    def values(self, places: Array) -> dict[str, float]:
-        """Return the values at the places in their ranges, each from -1 to 1, shape (n,)."""
-        return {name: each.value(place) for (name, each), place in zip(self.parameters.items(), places, strict=True)}
 
     def places(self, values: Mapping[str, float]) -> Array:
         """Return the places of values in their ranges, shape (n,)."""

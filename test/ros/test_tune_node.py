@@ -136,6 +136,25 @@ def test_after_a_kill_the_resumed_run_knows_the_earlier_parameters(tuned: Tuned,
     assert tuned.trials + tuned.rejected > before
 
 
+def test_a_second_run_on_the_same_node_is_refused(tuned: Tuned, tune: Tune, tmp_path: Path) -> None:
+    run = tune(trial={"seconds": 600.0, "topic": "go"})
+    tuned.probe.until(lambda: tuned.trials == 1)
+    code, _, err = ended(tuned, tune("--out", tmp_path / "other"))
+    assert (code, run.popen.poll()) == (1, None)
+    assert "error: /tuned: expected a node that no other run tunes, got one that another run tunes" in err
+    os.kill(run.popen.pid, signal.SIGINT)
+    ended(tuned, run)
+    assert tuned.parameters == BEFORE
+
+
+def test_there_are_no_best_parameters_if_all_are_rejected(tuned: Tuned, tune: Tune, tmp_path: Path) -> None:
+    low = TREE["parameters"] | {"gain": {"minimum": 0.1, "maximum": 0.19}}
+    code, _, err = ended(tuned, tune("--trials", 8, parameters=low))
+    assert (code, tuned.parameters) == (1, BEFORE)
+    assert "error: /tuned: expected a trial whose values it accepts, got none of 5" in err
+    assert not (tmp_path / "out" / "parameters.yaml").exists()
+
+
 def test_a_failure_ends_the_run_with_the_earlier_parameters(tuned: Tuned, tune: Tune) -> None:
     code, _, err = ended(tuned, tune(reward={"topic": "no_such_score"}))
     assert (code, tuned.parameters) == (1, BEFORE)

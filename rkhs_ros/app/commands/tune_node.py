@@ -5,12 +5,15 @@ import csv
 import signal
 import sys
 from contextlib import closing
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.files import locked, write_whole
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import require, require_ros
 from rkhs_ros.base.yaml_text import dumped, loaded
@@ -39,7 +42,8 @@ def run_tune_node(options: argparse.Namespace) -> int:
     require_ros("rkhs tune-node")
     try:
         tree = loaded(options.file.read_text())
-        tuning = tuning_from(tree | ({} if options.trials is None else {"trials": options.trials}))
+        tuning = tuning_from(tree)
+        tuning = replace(tuning, trials=tuning.trials if options.trials is None else options.trials)
     except ValueError as error:
         raise ValueError(f"{options.file}: {error}") from error
     folder = options.out or Path("results", options.file.stem)
@@ -48,8 +52,8 @@ def run_tune_node(options: argparse.Namespace) -> int:
     for number in (signal.SIGHUP, signal.SIGQUIT):  # like Ctrl-C: the parameters are set again
         signal.signal(number, lambda number, frame: signal.raise_signal(signal.SIGINT))
     _begin(folder, dumped({"seed": options.seed} | {key: each for key, each in tree.items() if key != "trials"}))
-    record = Record(folder / RECORD, tuning)
-    with one_thread(), closing(TunedNode(tuning, folder)) as node:
+    with locked(folder), one_thread(), closing(TunedNode(tuning, folder)) as node:
+        record = Record(folder / RECORD, tuning)
         values = _best(node, tuning, record, options.seed)
         write_parameters(folder / BEST, node.tuned, values)
         for name, value in values.items():
@@ -94,6 +98,11 @@ class Record:
         return Trials(contexts, np.reshape(places, values.shape), numbers[:, -1])
 
     @property
+    def accepted(self) -> list[int]:
+        """The indices of the trials whose values the node accepted, without repetitions."""
+        return [index for index, row in enumerate(row for row in self.rows if not row[-1]) if not row[-2]]
+
+    @property
     def repetitions(self) -> dict[int, float]:
         """The rewards of repetitions by the number of the trial, from 1."""
         return {int(row[-1]): float(row[-3]) for row in self.rows if row[-1]}
@@ -102,8 +111,9 @@ class Record:
         """Run a trial, or the repetition of one; add it to the file, and say how it went."""
         reward, reason = node.trial(values)
         self.rows.append([*context, *values.values(), reward, reason, repeats])
-        with self._path.open("a", newline="") as file:
-            csv.writer(file).writerows([self._columns, self.rows[-1]] if len(self.rows) == 1 else [self.rows[-1]])
+        text = StringIO(newline="")
+        csv.writer(text).writerows([self._columns, *self.rows])
+        write_whole(self._path, text.getvalue().encode())
         told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
         end = f"rejected: {reason}" if reason else f"reward {reward:.4g}"
         print(f"trial {len(self.rows)} of {self._tuning.trials}: {told}: {end}", file=sys.stderr, flush=True)
@@ -112,16 +122,20 @@ class Record:
 def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[str, Any]:
     """Run the trials, and repeat the best ones; return the best parameters, with a context those for it now."""
     confirmed = 0 if tuning.context else CONFIRMED
-    while len((trials := record.trials).rewards) < tuning.trials - confirmed:
+    while len(record.rows) < tuning.trials - confirmed:
+        trials = record.trials
         context = node.sense_context()
         places, gain = next_places(trials, context, seed)
         if gain < noise_of(trials):
             print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
             break
         record.run(node, context, node.values(places))
+    trials, accepted = record.trials, record.accepted
+    if not accepted:
+        raise RunError(f"{node.tuned}: expected a trial whose values it accepts, got none of {len(trials.rewards)}")
     if tuning.context:
         return node.values(best_places(trials, node.sense_context(), seed))
-    best = [int(row) for row in np.argsort(-trials.rewards, kind="stable")[:confirmed]]
+    best = sorted(accepted, key=lambda row: -float(trials.rewards[row]))[:confirmed]
     for row in best:
         if row + 1 not in record.repetitions:
             record.run(node, node.sense_context(), node.values(trials.places[row]), repeats=str(row + 1))

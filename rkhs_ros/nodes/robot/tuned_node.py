@@ -1,6 +1,7 @@
 """The connection to a node whose parameters are tuned: it checks and sets them, runs trials, and restores them."""
 
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,12 @@ from rkhs_ros.robot.tuning import Tuning
 
 Values = dict[str, Any]
 BEFORE = "parameters_before.yaml"  # in the run's folder while they may be changed
-NUMBERS = {ParameterType.PARAMETER_DOUBLE: float, ParameterType.PARAMETER_INTEGER: round}
+NUMBERS: dict[int, Callable[[float], float | int]] = {
+    ParameterType.PARAMETER_DOUBLE: float,
+    ParameterType.PARAMETER_INTEGER: round,
+}
 KINDS = ("nothing", "a bool", "an integer", "a double", "a string")  # by `ParameterType`; the others are lists
+DISCOVERY_S = 1.0  # to see other runs that tune the node
 CALLS = {
     "describe_parameters": DescribeParameters,
     "get_parameters": GetParameters,
@@ -59,7 +64,7 @@ class TunedNode(ClientNode):
         try:
             for client in self._calls.values():
                 self.peers.wait_for_service(client, self.tuned)
-            self._kinds = {name: self._checked(name) for name in tuning.parameters}
+            self._values = {name: self._checked(name) for name in tuning.parameters}
             self.before = self._remembered()
         except BaseException:
             super().close()
@@ -67,7 +72,7 @@ class TunedNode(ClientNode):
 
     def values(self, places: Array) -> Values:
         """Return the values at the places in their ranges, of the types of the parameters."""
-        return {name: self._kinds[name](value) for name, value in self._tuning.values(places).items()}
+        return {name: value(place) for (name, value), place in zip(self._values.items(), places, strict=True)}
 
     def sense_context(self) -> Array:
         """Return the context, shape (c,), once all sensors are heard; raise RunError if one is silent or unusable."""
@@ -106,26 +111,40 @@ class TunedNode(ClientNode):
     def _call(self, name: str, **fields: Any) -> Any:
         return self.peers.call(self._calls[name], CALLS[name].Request(**fields), self.tuned, repeatable=True)
 
-    def _checked(self, name: str) -> Any:
-        """Return the type of a parameter, after a check of its descriptor."""
+    def _checked(self, name: str) -> Callable[[float], float | int]:
+        """Check the descriptor of a parameter; return the function from a place in its range to its value."""
         ours, what = self._tuning.parameters[name], f"parameter '{name}' of {self.tuned}"
         found = self._call("describe_parameters", names=[name]).descriptors
         require(len(found) == 1 and found[0].type != ParameterType.PARAMETER_NOT_SET, what, "a declared one", "none")
         (descriptor,) = found
         require(descriptor.type in NUMBERS, what, "a double or an integer", [*KINDS, *["a list"] * 5][descriptor.type])
         require(not descriptor.read_only, what, "one that can be set", "a read-only one")
+        kind, got = NUMBERS[descriptor.type], f"{ours.minimum:g} to {ours.maximum:g}"
+        origin, step = 0.0, float(kind is round)
         for theirs in (*descriptor.floating_point_range, *descriptor.integer_range):
             good = theirs.from_value <= ours.minimum and ours.maximum <= theirs.to_value
-            got = f"{ours.minimum:g} to {ours.maximum:g}"
             require(good, what, f"a range within {theirs.from_value:g} to {theirs.to_value:g}", got)
-        return NUMBERS[descriptor.type]
+            origin, step = theirs.from_value, max(theirs.step, step)
+        value = partial(ours.value, origin=origin, step=step)
+        require(value(-1.0) < value(1.0), what, f"a range with two values in steps of {step:g}", got)
+        return lambda place: kind(value(place))
+
+    def _is_tuned_twice(self) -> bool:
+        service = f"{self.tuned}/set_parameters_atomically"
+        return self.get_node_names().count(self.get_name()) > 1 and self.count_clients(service) > 1
 
     def _remembered(self) -> Values:
         """Return the values before the run, and write them to the file; after a kill they are those of the file."""
         if self._file.is_file():
-            before: Values = yaml.safe_load(self._file.read_text())[self.tuned]["ros__parameters"]
+            try:
+                before: Values = dict(yaml.safe_load(self._file.read_text())[self.tuned]["ros__parameters"])
+            except (yaml.YAMLError, TypeError, KeyError) as error:
+                remedy = f"Set the parameters of {self.tuned} yourself, and delete the file"
+                raise ValueError(f"{self._file}: expected the parameters from before, got none. {remedy}") from error
             self._require_set(before, "earlier")
             return before
+        if self.peers.spin(self._is_tuned_twice, DISCOVERY_S):
+            raise RunError(f"{self.tuned}: expected a node that no other run tunes, got one that another run tunes")
         values = self._call("get_parameters", names=list(self._tuning.parameters)).values
         before = dict(zip(self._tuning.parameters, map(parameter_value_to_python, values), strict=True))
         write_parameters(self._file, self.tuned, before)
@@ -147,8 +166,9 @@ class TunedNode(ClientNode):
         if self._starts:
             self._starts.publish(Empty())
         if self._start:
-            self.peers.wait_for_service(self._start, trial.service)
-            answer = self.peers.call(self._start, Trigger.Request(), trial.service)
+            named = f"{trial.service} service's"  # such as "the ... service's node did not answer"
+            self.peers.wait_for_service(self._start, named)
+            answer = self.peers.call(self._start, Trigger.Request(), named)
             if not answer.success:
                 raise RunError(f"{trial.service}: the trial did not start: {answer.message}")
         begin, count = time.monotonic(), max(1, round(trial.seconds / trial.period))

@@ -25,6 +25,16 @@ def test_a_place_and_its_value_determine_each_other(place: float, scale: str, lo
     assert parameter.place(value) == pytest.approx(place, abs=1e-9)
 
 
+@given(place=st.floats(-1.0, 1.0), low=st.floats(-0.4, 0.4), step=st.sampled_from([0.1, 0.25, 1.0]))
+def test_a_value_in_steps_is_the_nearest_one_in_the_range(place: float, low: float, step: float) -> None:
+    parameter = Parameter(low, 2.1)
+    value, steps = parameter.value(place, origin=-1.0, step=step), np.arange(-1.0, 3.0, step)
+    within = steps[(steps > low - 1e-9) & (steps < 2.1 + 1e-9)]
+    assert value == pytest.approx(within[np.abs(within - value).argmin()])
+    exact = parameter.value(place)
+    assert abs(value - exact) == pytest.approx(np.abs(within - exact).min())
+
+
 def trials_of(seed: int, count: int, contexts: int = 0) -> Trials:
     """Return trials of two parameters whose best places are 0.3 and -0.5, the first moved by a context."""
     random = np.random.default_rng(seed)
