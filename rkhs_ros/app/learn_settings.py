@@ -89,6 +89,8 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
     """Return the checked settings of a run in a simulation, with the defaults of `defaults`."""
     known = {f.name: f for f in fields(Training)}
     for name in settings:
+        if name in OF_TRAIN:
+            raise ValueError(f"unknown setting '{name}' of learn, which is one of train")
         if name not in known:
             raise ValueError(f"unknown setting '{name}', {_meant(name, known)}")
     horizon = simulation.time_limit or Training.horizon

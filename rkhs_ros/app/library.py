@@ -20,6 +20,7 @@ from rkhs_ros.app.learn_settings import LearnSettings, training_in
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
+from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.diagnosis import Diagnosis
 from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -215,6 +216,8 @@ def _make_folder(out: Path, config: Config, first_policy: GaussianPolicy | None,
     kernel, options = config.training.kernel, dict(config.environment.options)
     expected = "a text or a KernelChoice, such as KernelChoice(bandwidth=0.5), which out= can store in config.yaml"
     require(type(kernel) is KernelChoice, "kernel", expected, getattr(kernel, "kernel", kernel))
+    algorithm, expected = config.training.algorithm, "one of `ALGORITHMS`, which out= can store in config.yaml"
+    require(type(algorithm) in ALGORITHMS.values(), "algorithm", expected, algorithm)
     try:
         dumped(options)
         json.dumps(options)  # in policies and recordings

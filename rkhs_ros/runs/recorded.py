@@ -131,11 +131,13 @@ def state_of(recording: Recording, training: Training, spaces: Spaces, what: str
     The recording has at least one update; ``what`` names it in error messages.
 
     Raises:
-        ValueError: an episode is not recorded, or the recording is that of an offline run.
+        ValueError: an episode or a policy is not recorded, or the recording is that of an offline run.
     """
     check_trained(recording, what)
     *_, last = updates = recording.updates
     versions = [1, *(update.policy_version for update in updates)]  # version 1 acted first
+    absent = [version for version in versions if version not in recording.policies]
+    require(not absent, what, "the policies of the finished iterations", f"none of version {absent}")
     policy, *earlier = (recording.policies[version] for version in reversed(versions))
     episodes, memory = recording.by_numbers(), Episodes.none(1, 1, 1)
     for begin in [0, *(update.episodes for update in updates[:-1])]:

@@ -27,6 +27,10 @@ SHORT: dict[str, Any] = {
 ROOT = Path(__file__).parents[3]
 
 
+class Own(rkhs_ros.RKHSNAC):
+    """An algorithm that is not registered."""
+
+
 def test_public_names_exist_and_match_those_for_type_checkers() -> None:
     source = (ROOT / "rkhs_ros" / "__init__.py").read_text()
     for name in rkhs_ros.__all__:
@@ -89,9 +93,15 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
         (("Pendulum-v1",), {"callback": "stop"}, r"^callback: expected a function of a Result, got stop$"),
         (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
         ((lambda: 3,), {}, r"expected a function that returns an environment, got 3$"),
+        (("Pendulum-v1", Own()), {"out": "run"}, r"^algorithm: expected one of `ALGORITHMS`, which out= can store"),
     ],
 )
 def test_bad_input_is_rejected_in_one_line(arguments: Any, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as refusal:
         rkhs_ros.train(*arguments, progress=False, **settings)
     assert "\n" not in str(refusal.value)
+
+
+def test_learn_names_the_settings_that_only_train_has() -> None:
+    with pytest.raises(ValueError, match=r"^unknown setting 'progress' of learn, which is one of train$"):
+        rkhs_ros.learn("Pendulum-v1", progress=False)  # type: ignore[call-arg]

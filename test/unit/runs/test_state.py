@@ -78,6 +78,15 @@ def test_every_algorithm_resumes_bit_identically_from_each_iteration(tmp_path: P
             assert one.metrics == other.metrics
 
 
+def test_a_lost_policy_is_named(tmp_path: Path) -> None:
+    config = config_of("rkhs_nac")
+    run_training(config, TOY, tmp_path / "run", quiet=True)
+    held, _ = read_held(tmp_path / "run" / FILE, config.training.iterations, keeps_later=False)
+    del held.policies[1]
+    with pytest.raises(ValueError, match=r"^recording: expected the policies .*, got none of version \[1\]$"):
+        state_of(held, config.training, TOY.spaces, "recording")
+
+
 def test_the_state_contains_the_memory() -> None:
     *_, last = train(config_of({"name": "power", "reuse": 3}).training, TOY)
     assert len(last.state.memory) == 3  # otherwise the test above would be vacuous
