@@ -254,10 +254,9 @@ def _held(cell: Cell, curve: Sequence[Point], counted: str, at: Array) -> Array:
 
 
 def picture_of_all(cells: Cells) -> Figure:
-    """Return the share of runs that reached the first threshold, over the tasks that every learner ran."""
-    learners = [
-        each for each in LEARNERS if not LEARNERS[each].holds_actions and any(each in its for its in cells.values())
-    ]
+    """Return the share of runs that reached the first threshold, over the tasks that all learners of most tasks ran."""
+    counts = {each: sum(each in its for its in cells.values()) for each in LEARNERS if not LEARNERS[each].holds_actions}
+    learners = [each for each, count in counts.items() if 2 * count >= len(cells)]
     common = [its for its in cells.values() if set(learners) <= set(its)]
     figure = Figure((9.0, 2.8), layout="constrained")
     for panel, measure in zip(figure.subplots(1, 2, sharey=True), ("episodes", "steps"), strict=True):
