@@ -85,8 +85,7 @@ class Record:
         self.rows: list[list[Any]] = []
         if path.is_file():
             _, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
-            whole = [row for row in rows if len(row) == len(self._columns)]  # the last one may be torn
-            self.rows = [[*map(float, row[:-2]), *row[-2:]] for row in whole]
+            self.rows = [[*map(float, row[:-2]), *row[-2:]] for row in rows]
 
     @property
     def trials(self) -> Trials:
@@ -96,11 +95,6 @@ class Record:
         contexts, values = numbers[:, : len(tuning.context)], numbers[:, len(tuning.context) : -1]
         places = [tuning.places(dict(zip(tuning.parameters, row, strict=True))) for row in values]
         return Trials(contexts, np.reshape(places, values.shape), numbers[:, -1])
-
-    @property
-    def accepted(self) -> list[int]:
-        """The indices of the trials whose values the node accepted, without repetitions."""
-        return [index for index, row in enumerate(row for row in self.rows if not row[-1]) if not row[-2]]
 
     @property
     def repetitions(self) -> dict[int, float]:
@@ -130,7 +124,8 @@ def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[
             print(f"the expected gain is below the noise after {len(record.rows)} trials", file=sys.stderr)
             break
         record.run(node, context, node.values(places))
-    trials, accepted = record.trials, record.accepted
+    trials = record.trials
+    accepted = [index for index, row in enumerate(row for row in record.rows if not row[-1]) if not row[-2]]
     if not accepted:
         raise RunError(f"{node.tuned}: expected a trial whose values it accepts, got none of {len(trials.rewards)}")
     if tuning.context:
