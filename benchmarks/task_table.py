@@ -153,17 +153,26 @@ def _minus(text: str) -> str:
 
 
 def summary(cells: Cells) -> str:
-    """Return two tables in Markdown: the median episodes until the first threshold, and ours against each learner."""
+    """Return two tables in Markdown: the median episodes until the first threshold, and ours against each learner.
+
+    Between them are the episodes that ours needed for the criteria that tasks have besides the return.
+    """
     learners = [learner for learner in LEARNERS if any(learner in its for its in cells.values())]
-    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " |"]
-    lines.append("|---" * (2 + len(learners)) + "|")
+    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " | Later below |"]
+    lines.append("|---" * (3 + len(learners)) + "|")
     for task, its in cells.items():
         threshold = TASKS[task].thresholds[0]
         found = [
             f"{shown(its[each].until(threshold, 'episodes'))} ({len(its[each].curves)})" if each in its else "-"
             for each in learners
         ]
-        lines.append(f"| `{task}` | {_minus(f'{threshold:g}')} | {' | '.join(found)} |")
+        name = f"[`{task}`](results/tasks/{task}.png)" if "ours" in its else f"`{task}`"
+        kept = its["ours"].below(threshold) if "ours" in its else "-"
+        lines.append(f"| {name} | {_minus(f'{threshold:g}')} | {' | '.join(found)} | {kept} |")
+    for task, its in cells.items():
+        if "ours" in its and TASKS[task].success:
+            needed = shown(its["ours"].until_success())
+            lines += ["", f"Until `{task}` is [balanced](#the-cart-pole), `ours` needs {needed} episodes."]
     lines += [
         "",
         "| `ours` against | Tasks | Fewer episodes | Fewer steps | Higher return at the end |",

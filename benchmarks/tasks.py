@@ -26,7 +26,7 @@ from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.studies.workers import run_parallel
 from task_learners import LEARNERS, missing
-from task_table import RESULTS, make_table
+from task_table import RESULTS, Cell, make_table, shown
 from trial import TASKS, Curves, Key, Point, Task, Trial, read_curves, write_curves
 
 CURVES = RESULTS / "curves.csv"
@@ -75,6 +75,13 @@ def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
         return key, " ".join(f"{type(error).__name__}: {error}".split())
 
 
+def reached(key: Key, curve: Sequence[Point]) -> str:
+    """Return a line on when a curve reached the thresholds of its task."""
+    cell = Cell(TASKS[key.task], [curve])
+    counts = [f"{value:g} after {shown(cell.until(value, 'episodes'))}" for value in cell.task.thresholds]
+    return f"{key.task} by {key.learner}, seed {key.seed}: episodes until a return of {', of '.join(counts)}"
+
+
 def run(options: Namespace) -> int:
     """Train the missing curves, and store each, or make the table of all; return the exit code."""
     curves, failed = read_curves(options.curves), False
@@ -89,6 +96,7 @@ def run(options: Namespace) -> int:
         else:
             curves[key] = result
             write_curves(options.curves, curves)
+            print(reached(key, result), flush=True)
     return FAILED if failed else 0
 
 
