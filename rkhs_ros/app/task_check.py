@@ -24,9 +24,7 @@ from rkhs_ros.learning.state import Known, settings_of
 from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array
 
-SAME = 1.0 - 1e-9  # absolute correlation of columns that repeat each other
 NOT_TESTED = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
 TOO_FAST = 0.6  # change per decision above which the policy hardly reacts, in standard deviations
 
@@ -90,8 +88,7 @@ class TaskCheck:
         each = step_seconds or 0.0
         timed = f" ({lengths.mean() * each:.3g} s at {each:.3g} s per step)" if each else ""
         steps = " to ".join(map(str, dict.fromkeys((lengths.min(), lengths.max()))))
-        observations, rewards = episodes.flat(episodes.observations), episodes.flat(episodes.rewards)
-        repeats = [f"{self._name(one)} repeats {self._name(other)}" for one, other in repeated_columns(observations)]
+        rewards = episodes.flat(episodes.rewards)
         reward = f"{rewards.min():.4g} to {rewards.max():.4g}"
         if not self._reward_varies():
             reward = f"never changes: {rewards[0]:.4g}; if this stays so, nothing can be learnt"
@@ -106,8 +103,6 @@ class TaskCheck:
             ("change per step", f"{self.change_per_step:.2f} sd of the observations"),
             ("action_repeat", self._repeat()),
             ("angles", ", ".join(self._angles()) or ("none found" if self.inputs_may_change else NOT_TESTED)),
-            ("constant columns", ", ".join(map(self._name, constant_columns(observations))) or "none"),
-            ("repeated columns", ", ".join(repeats) or "none"),
             ("history", self._history()),
             ("reward", reward),
             ("actions", f"{len(low)}, bounds {', '.join(bounds)}"),
@@ -148,19 +143,3 @@ class TaskCheck:
 
     def _reward_varies(self) -> bool:
         return bool(np.ptp(self.episodes.flat(self.episodes.rewards)) > 0)
-
-
-def constant_columns(observations: Array) -> list[int]:
-    """Return the columns that never change."""
-    return [int(column) for column in np.flatnonzero(np.ptp(observations, axis=0) == 0)]
-
-
-def repeated_columns(observations: Array) -> list[tuple[int, int]]:
-    """Return the columns that are another one, except for an offset and a factor, each with the earlier column."""
-    moving = np.flatnonzero(np.ptp(observations, axis=0) > 0).tolist()
-    values = observations[:, moving] - observations[:, moving].mean(axis=0)
-    values = values / np.linalg.norm(values, axis=0)
-    same = np.triu(np.abs(values.T @ values) > SAME, k=1)
-    return [
-        (moving[later], moving[int(same[:, later].argmax())]) for later in range(len(moving)) if same[:, later].any()
-    ]

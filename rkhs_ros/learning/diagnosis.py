@@ -53,7 +53,6 @@ class Summary:
         highest_reward: highest reward of a step.
         terminates: whether the task terminated an episode.
         saturated: share of the actions of the policy mean that are at or beyond a bound.
-        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
     """
 
     exploration_return: float
@@ -64,7 +63,6 @@ class Summary:
     highest_reward: float = inf
     terminates: bool = False
     saturated: float = 0.0
-    optimistic: bool = True
 
 
 def exploits_model(recent: Sequence[Summary]) -> bool:
@@ -75,10 +73,7 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
     known = [each for each in recent if not (isnan(each.evaluation_return) or isnan(each.model_return))][-PATIENCE:]
     returns = [each.exploration_return for each in recent] + [each.evaluation_return for each in known]
     far = EXPLOITS * (max(returns) - min(returns))
-    above = [
-        not each.optimistic and _gap(each) > ALIKE and each.model_return - each.evaluation_return > far
-        for each in known
-    ]
+    above = [_gap(each) > ALIKE and each.model_return - each.evaluation_return > far for each in known]
     return len(known) == PATIENCE and above[-1] and sum(above) >= PATIENCE - 1
 
 
@@ -100,11 +95,8 @@ def saturates(recent: Sequence[Summary]) -> bool:
 
 
 def predicts_badly(recent: Sequence[Summary]) -> bool:
-    """Return whether the newest model and most of those before predicted both steps and returns badly.
-
-    Optimistic iterations are ignored: the return in their models is not that of the task.
-    """
-    last = [each for each in recent if not (isnan(each.model_error) or each.optimistic)][-TESTS:]
+    """Return whether the newest model and most of those before predicted both steps and returns badly."""
+    last = [each for each in recent if not isnan(each.model_error)][-TESTS:]
     bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]  # nan without an evaluation
     return len(bad) == TESTS and bad[-1] and sum(bad) > TESTS / 2
 
@@ -185,7 +177,6 @@ def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
         highest_reward=float(rewards.max()),
         terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
         saturated=_saturated(evaluation, spaces),
-        optimistic=iteration.optimistic,
     )
 
 

@@ -49,7 +49,6 @@ class Iteration:
         metrics: metrics of the update; with a model, of its last update.
         model_return: validation return of the policy in the model; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
-        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """
 
@@ -62,7 +61,6 @@ class Iteration:
     metrics: Metrics
     model_return: float = float("nan")
     model_error: float = float("nan")
-    optimistic: bool = False
     tried: tuple[Episodes, ...] = ()
 
     @property

@@ -27,16 +27,18 @@ class State:
 
     Attributes:
         iterations: number of completed iterations.
-        policy: the policy after them.
+        policy: the policy after them, which is evaluated.
+        explorer: the policy of the next exploration episodes; without a model, this is the policy.
         memory: episodes that the next update reuses, or all episodes for model-based training; empty at first.
         explored: number of exploration episodes so far, which is the number of the next one.
         evaluated: number of evaluation episodes so far.
         steps: number of environment steps of the exploration episodes so far.
-        earlier: the last policies before this one, the newest first; empty without a model.
+        earlier: the last policies that explored, the newest first; empty without a model.
     """
 
     iterations: int
     policy: GaussianPolicy
+    explorer: GaussianPolicy
     memory: Episodes
     explored: int
     evaluated: int
@@ -102,20 +104,15 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
         policy = policy.with_mean(_checked_mean(warm_start, policy))
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
-    return State(0, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
+    return State(0, policy, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
 
 
 def remembered(
     memory: Episodes, exploration: Episodes, training: Training, policy: GaussianPolicy, spaces: Spaces
 ) -> Episodes:
-    """Return the memory of a run after an iteration.
+    """Return the memory of a run after an iteration, whose exploration episodes are as observed.
 
-    Args:
-        memory: memory before the iteration.
-        exploration: exploration episodes of the iteration, as observed.
-        training: the learner's settings.
-        policy: the policy, whose inputs and action repeat are constant without a model.
-        spaces: spaces of the task.
+    Without a model, the inputs and the action repeat of the policy are constant.
     """
     if isinstance(training.model, ModelBased):
         return memory + exploration
@@ -136,7 +133,7 @@ def may_correct_action_repeat(state: State, training: Training) -> bool:
     """
     if training.action_repeat != AUTO or state.iterations not in (1, 2) or not state.earlier:
         return False
-    *trained, initial = state.policy, *state.earlier
+    *trained, initial = state.explorer, *state.earlier
     return len(initial.mean.centres) == 0 and len({policy.action_repeat for policy in trained}) == 1
 
 
@@ -178,12 +175,7 @@ class Known(NamedTuple):
 
 
 def settings_of(before: Known, after: Known) -> list[str]:
-    """Return the settings that differ from what was known before, as ``KEY=VALUE``.
-
-    Args:
-        before: what was known.
-        after: what is known now.
-    """
+    """Return the settings that differ from what was known before, as ``KEY=VALUE``."""
     settings = []
     if after.action_repeat != before.action_repeat:
         settings.append(f"action_repeat={after.action_repeat}")

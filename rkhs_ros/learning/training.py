@@ -10,7 +10,7 @@ from rkhs_ros.learning.discovery import choose_action_repeat, correct_action_rep
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.training_in_model import train_in_model
+from rkhs_ros.learning.model_based.training_in_model import Trained, train_in_model
 from rkhs_ros.learning.state import (
     Known,
     State,
@@ -105,18 +105,15 @@ def train(training: Training, runner: Runner, state: State | None = None) -> Ite
 
 
 def _iteration_after(state: State, training: Training, collector: Collector, spaces: Spaces) -> Iteration:
-    exploration = collector.explore(state.policy, training.episodes_per_iteration)
+    exploration = collector.explore(state.explorer, training.episodes_per_iteration)
     policy = with_action_repeat(state, training, exploration)
     earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
         memory = remembered(state.memory, exploration, training, policy, spaces)
-        newest, repeat = training.episodes_per_iteration, policy.action_repeat
-        experience = RealExperience(training, spaces, memory, newest, repeat, state.iterations, state.earlier)
-        model_update = train_in_model(training.model, policy, experience)
-        earlier = (state.policy, *state.earlier)[:EARLIER]
-        policy, metrics = model_update.policy, model_update.metrics
-        model_return, model_error = model_update.model_return, model_update.model_error
-        optimistic = model_update.optimistic
+        known = training.episodes_per_iteration, policy.action_repeat, state.iterations, state.earlier, state.policy
+        experience = RealExperience(training, spaces, memory, *known)
+        trained = train_in_model(training.model, policy, experience)
+        earlier = (state.explorer, *state.earlier)[:EARLIER]
     else:
         repeat = policy.action_repeat
         episodes = exploration.decisions(repeat, training.discount, spaces).with_inputs(policy.inputs)
@@ -128,29 +125,29 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
             episodes, training.discount**repeat, state.memory, collector.try_out, variance, state.iterations
         )
         policy, metrics = training.algorithm.update(policy, update)
+        trained = Trained(policy, policy, metrics)
         memory = remembered(state.memory, exploration, training, policy, spaces)
-        model_return, model_error, optimistic = float("nan"), float("nan"), False
     done = state.iterations + 1
     due = training.evaluate_every > 0 and done % training.evaluate_every == 0
-    evaluation = collector.evaluate(policy) if due else exploration.take(slice(0))
+    evaluation = collector.evaluate(trained.policy) if due else exploration.take(slice(0))
+    counts = collector.explored, collector.evaluated, collector.steps
     return Iteration(
         before=Known.at(state, training),
-        state=State(done, policy, memory, collector.explored, collector.evaluated, collector.steps, earlier),
+        state=State(done, trained.policy, trained.explorer, memory, *counts, earlier),
         exploration=exploration,
         exploration_returns=exploration.returns(training.discount),
         evaluation=evaluation,
         evaluation_returns=evaluation.returns(training.discount),
-        metrics=metrics,
-        model_return=model_return,
-        model_error=model_error,
-        optimistic=optimistic,
+        metrics=trained.metrics,
+        model_return=trained.model_return,
+        model_error=trained.model_error,
         tried=collector.take_tried(),
     )
 
 
 def with_action_repeat(state: State, training: Training, exploration: Episodes) -> GaussianPolicy:
-    """Return the policy with its action repeat, chosen or corrected if the settings and the state ask for it."""
-    policy = state.policy
+    """Return the policy that explored, with its action repeat: chosen or corrected if settings and state ask for it."""
+    policy = state.explorer
     if chooses_action_repeat(state, training):
         return replace(policy, action_repeat=choose_action_repeat(with_features(exploration, policy.inputs)))
     if may_correct_action_repeat(state, training):

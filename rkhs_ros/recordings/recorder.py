@@ -75,8 +75,8 @@ class Recorder:
         """Record the result of an iteration, the policy after it, and the checksum of its episodes."""
         if iteration.number > self._updates:
             self._updates = iteration.number
-            version = self._version(iteration.policy)
-            self._write(TYPES.Update(policy_version=version, **update_fields(iteration)))
+            policy, explorer = self._version(iteration.policy), self._version(iteration.state.explorer)
+            self._write(TYPES.Update(policy_version=policy, explorer_version=explorer, **update_fields(iteration)))
 
     def close(self) -> None:
         """Close the recording."""

@@ -32,15 +32,17 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
         raise ValueError("model.form: expected gaussian_process for offline training, got none")
     returns = episodes.returns(training.discount)
     before = Known.at(state, training)
-    state = replace(state, policy=with_action_repeat(state, training, episodes))
+    policy = with_action_repeat(state, training, episodes)
+    state = replace(state, policy=policy, explorer=policy)
     newest, repeat = ceil(HELD_OUT * len(episodes)), state.policy.action_repeat
     while state.iterations < training.iterations:
         # The model is the same in all iterations, and has already compared the earlier policies.
         experience = RealExperience(
             training, spaces, episodes, newest, repeat, state.iterations, earlier=(), may_explore=False
         )
-        model_update = train_in_model(settings, state.policy, experience)
-        state = State(state.iterations + 1, model_update.policy, episodes, len(episodes), 0, episodes.count)
+        trained = train_in_model(settings, state.policy, experience)
+        policy = trained.policy
+        state = State(state.iterations + 1, policy, policy, episodes, len(episodes), 0, episodes.count)
         yield Iteration(
             before=before,
             state=state,
@@ -48,10 +50,9 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
             exploration_returns=returns,
             evaluation=episodes.take(slice(0)),
             evaluation_returns=returns[:0],
-            metrics=model_update.metrics,
-            model_return=model_update.model_return,
-            model_error=model_update.model_error,
-            optimistic=model_update.optimistic,
+            metrics=trained.metrics,
+            model_return=trained.model_return,
+            model_error=trained.model_error,
         )
         before = Known.at(state, training)
 

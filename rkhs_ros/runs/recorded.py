@@ -135,19 +135,20 @@ def state_of(recording: Recording, training: Training, spaces: Spaces, what: str
     """
     check_trained(recording, what)
     *_, last = updates = recording.updates
-    versions = [1, *(update.policy_version for update in updates)]  # version 1 acted first
-    absent = [version for version in versions if version not in recording.policies]
+    versions = [1, *(update.explorer_version for update in updates)]  # version 1 acted first
+    absent = [version for version in (*versions, last.policy_version) if version not in recording.policies]
     require(not absent, what, "the policies of the finished iterations", f"none of version {absent}")
-    policy, *earlier = (recording.policies[version] for version in reversed(versions))
+    explorer, *earlier = (recording.policies[version] for version in reversed(versions))
     episodes, memory = recording.by_numbers(), Episodes.none(1, 1, 1)
     for begin in [0, *(update.episodes for update in updates[:-1])]:
         batch = Batch(training.seed, begin, training.episodes_per_iteration, training.horizon, explore=True)
         missing = [each.first_episode for each in batch.parts(1) if each not in episodes]
         require(not missing, what, "the exploration episodes of the finished iterations", f"none of number {missing}")
         exploration = Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
-        memory = remembered(memory, exploration, training, policy, spaces)
+        memory = remembered(memory, exploration, training, explorer, spaces)
     known = tuple(earlier[:EARLIER]) if isinstance(training.model, ModelBased) else ()
-    return State(last.iteration, policy, memory, last.episodes, last.evaluation_episodes, last.steps, known)
+    policy, counts = recording.policies[last.policy_version], (last.episodes, last.evaluation_episodes, last.steps)
+    return State(last.iteration, policy, explorer, memory, *counts, known)
 
 
 def check_trained(recording: Recording, what: str) -> None:

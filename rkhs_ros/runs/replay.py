@@ -84,6 +84,7 @@ def replay(recording: Recording) -> Iterator[Iteration]:
         for name, value in update_fields(iteration).items():
             _check_same(f"{where}, {name}", getattr(update, name), value)
         runner.check_policy(iteration.policy, update.policy_version, where)
+        runner.check_policy(iteration.state.explorer, update.explorer_version, where)
         runner.update += 1
         yield iteration
 

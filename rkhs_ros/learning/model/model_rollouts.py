@@ -16,7 +16,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
-REWARD_MARGIN = 0.3  # by which rewards may lie outside the observed range, relative to its width
+REWARD_MARGIN = 0.3  # in training, so that a policy looks for more than was observed
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class ModelRunner:
         visited_starts: let a quarter of the rollouts start from visited observations.
         worlds: a random stream for each world, that is, functions that rollouts share, which take turns; without any,
             each rollout draws its own functions.
+        reward_margin: by which rewards may lie outside the observed range, relative to its width.
     """
 
     def __init__(
@@ -65,8 +66,10 @@ class ModelRunner:
         optimism: float = 0.0,
         visited_starts: bool = True,
         worlds: Sequence[np.random.Generator] = (),
+        reward_margin: float = REWARD_MARGIN,
     ) -> None:
         self._model = model
+        self._reward_margin = reward_margin
         self._optimism = optimism
         self._visited_starts = visited_starts
         self._worlds = self._functions(list(worlds)) if worlds else None
@@ -190,7 +193,7 @@ class ModelRunner:
         rewards = drawn.along(points)[:, :, 0]
         least, greatest = self._model.reward_range
         # Widen both ends: clipping noisy rewards at one end only would bias their mean where the model is uncertain.
-        margin = REWARD_MARGIN * (greatest - least)
+        margin = self._reward_margin * (greatest - least)
         return np.clip(rewards, least - margin, greatest + margin)
 
     def _novelty(self, points: Array) -> Array:

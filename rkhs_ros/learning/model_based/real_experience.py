@@ -28,7 +28,8 @@ class RealExperience:
         newest: number of episodes of the last iteration.
         action_repeat: number of steps for which the policy holds an action.
         iteration: number of previous real iterations.
-        earlier: policies before the newest one, which the model may now prefer to it.
+        earlier: policies of earlier episodes, which the model may now prefer.
+        best: the policy that was expected to be the best before the newest episodes; None if none was trained.
         may_explore: whether the trained policy runs new episodes, which may show the way to a run that is stuck.
     """
 
@@ -39,6 +40,7 @@ class RealExperience:
     action_repeat: int
     iteration: int
     earlier: tuple[GaussianPolicy, ...] = ()
+    best: GaussianPolicy | None = None
     may_explore: bool = True
 
     @cached_property
@@ -78,12 +80,7 @@ def is_stuck(episodes: Episodes, newest: int, discount: float) -> bool:
     """Return whether no return is clearly above those of the first, random episodes.
 
     The greatest return that the observed rewards suggest is that of the greatest one in every step. Terminal rewards do
-    not count, since they come once.
-
-    Args:
-        episodes: all real episodes so far.
-        newest: number of episodes of an iteration.
-        discount: discount factor of the return.
+    not count, since they come once. An iteration has ``newest`` of the episodes.
     """
     first, later = np.split(episodes.returns(discount), [newest])
     if len(later) < TRIES * newest:

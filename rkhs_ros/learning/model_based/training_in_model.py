@@ -16,7 +16,7 @@ from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_err
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.validation import Validation
+from rkhs_ros.learning.model_based.validation import Validation, recommended
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -42,13 +42,8 @@ def exploration_policy(
     """Return the policy with the exploration of real episodes after the first iteration, which is narrow.
 
     Episodes of one step reach no further states, so they explore widely. While no state is known to be better than
-    another, exploration stays wide, too, and its noise is pink, which reaches further.
-
-    Args:
-        policy: policy with the mean.
-        variance: variance of wide exploration, shape (n,).
-        is_one_step: whether an episode is a single decision.
-        reward_depends_on_action_only: whether a cost of the actions explains all rewards so far.
+    another, exploration stays wide, too, and its noise is pink, which reaches further. The variance of wide exploration
+    has shape (n,).
     """
     if reward_depends_on_action_only:
         return replace(policy, variance=ConstantVariance(variance), noise="pink")
@@ -57,25 +52,25 @@ def exploration_policy(
 
 
 @dataclass(frozen=True)
-class ModelUpdate:
-    """The result of model-based training.
+class Trained:
+    """The result of training between two iterations.
 
     Attributes:
-        policy: the new policy with the exploration of the next real episodes.
+        policy: the policy that is expected to be the best.
+        explorer: the policy of the next real episodes, with their exploration; the same without a model.
         metrics: metrics of the last update.
-        model_return: validation return of the policy.
+        model_return: expected return of the policy; nan without a model.
         model_error: error of the previous model on the newest real episodes; nan in the first iteration.
-        optimistic: whether steps in the model were also rewarded for its uncertainty about them.
     """
 
     policy: GaussianPolicy
+    explorer: GaussianPolicy
     metrics: Metrics
-    model_return: float
-    model_error: float
-    optimistic: bool
+    model_return: float = float("nan")
+    model_error: float = float("nan")
 
 
-def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: RealExperience) -> ModelUpdate:
+def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: RealExperience) -> Trained:
     """Train a policy in a model of all real episodes so far; the newest ones also test a model of the earlier ones.
 
     The rollouts of a run that explores share a world, that is, functions drawn from the model's posterior (Thompson
@@ -83,7 +78,7 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
     where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and goes on
     from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their
-    own functions, and training goes on.
+    own functions, and training goes on. The policy is that of the newest episodes.
     """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
@@ -108,15 +103,43 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         visited_starts=not focused,
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
-    candidates = [each for each in (policy, *experience.earlier) if each.inputs == inputs]
-    policy, metrics, expected = _optimise(settings, algorithm, start, candidates, experience, runner)
-    policy = exploration_policy(
+    earned = _earned(experience, policy, inputs, comparable=focused)
+    earlier = [each for each, _ in earned.values()]
+    policy, metrics, expected = _optimise(settings, algorithm, start, earlier, experience, runner)
+    explorer = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
         is_one_step=episodes.horizon == 1,
         reward_depends_on_action_only=experience.reward_depends_on_action_only,
     )
-    return ModelUpdate(policy, metrics, expected, error, optimistic)
+    if not experience.may_explore:  # the rollouts that chose this policy draw their own functions
+        return Trained(explorer, explorer, metrics, expected, error)
+    seed = stream_seed(training.seed, "recommendation", experience.iteration)
+    batch = Batch(seed, 0, settings.rollouts, _horizon(experience), explore=False)
+    earned.setdefault(_key(explorer), (explorer, np.zeros(0)))
+    runner = ModelRunner(model, visited_starts=False, reward_margin=0.0)
+    best = recommended(list(earned.values()), runner, batch, experience.discount)
+    policy = replace(best.policy, action_repeat=experience.action_repeat)
+    return Trained(policy, explorer, metrics, best.mean, error)
+
+
+def _earned(
+    experience: RealExperience, policy: GaussianPolicy, inputs: Inputs, *, comparable: bool
+) -> dict[bytes, tuple[GaussianPolicy, Array]]:
+    """Return the trained policies so far with these inputs and their real returns, none unless they are comparable."""
+    earned: dict[bytes, tuple[GaussianPolicy, Array]] = {}
+    rewards, unknown = experience.episodes.rewards[:, : _horizon(experience)], np.zeros(0)
+    returns = (rewards @ experience.discount ** np.arange(rewards.shape[1])).reshape(-1, experience.newest)[::-1]
+    for each, its in (*zip((policy, *experience.earlier), returns, strict=False), (experience.best, unknown)):
+        if each is not None and each.inputs == inputs and each.mean.weights.any():
+            first, others = earned.get(_key(each), (each, unknown))
+            earned[_key(each)] = first, np.append(others, its if comparable else unknown)
+    return earned
+
+
+def _key(policy: GaussianPolicy) -> bytes:
+    """Return what is equal for policies with the same mean."""
+    return policy.mean.weights.tobytes()
 
 
 def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces) -> DynamicsModel:
@@ -160,9 +183,10 @@ def _optimise(
     If training from the start finds nothing better than the earlier policies, it goes on from the best of these.
     """
     horizon, discount = _horizon(experience), experience.discount
-    validation = Validation(settings.rollouts, runner, _validation_seed(experience), horizon, discount)
+    seed = stream_seed(experience.training.seed, "validation", experience.iteration)
+    validation = Validation(settings.rollouts, runner, seed, horizon, discount)
     for each in earlier:
-        validation.consider_earlier(replace(each, noise="white", action_repeat=1))
+        validation.consider_earlier(each)
     first = np.sqrt(experience.first_variance)
     number = 0
     for deviation in (first, NARROW * first):
@@ -240,10 +264,6 @@ def _horizon(experience: RealExperience) -> int:
 def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Batch:
     seed = stream_seed(experience.training.seed, "practice", experience.iteration)
     return Batch(seed, number * settings.rollouts, settings.rollouts, _horizon(experience), explore=True)
-
-
-def _validation_seed(experience: RealExperience) -> int:
-    return stream_seed(experience.training.seed, "validation", experience.iteration)
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:

@@ -1,5 +1,7 @@
 """Choose the best policy of the training in a model by rollouts that are the same for all candidates."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,24 @@ class Candidate(NamedTuple):
     def mean(self) -> float:
         """Mean return."""
         return float(self.returns.mean())
+
+
+def recommended(
+    earned: Sequence[tuple[GaussianPolicy, Array]], runner: ModelRunner, batch: Batch, discount: float
+) -> Candidate:
+    """Return the policy with the greatest expected return, given policies and their real returns, shape (M >= 0,).
+
+    Policies that explore are the best in a few functions drawn from the model. For use, a policy must be good on
+    average over all that the model considers possible, which counts as much as one of its real episodes.
+    """
+    candidates = [Candidate(policy, _returns(policy, runner, batch, discount)) for policy, _ in earned]
+    expected = [np.append(its, each.mean).mean() for each, (_, its) in zip(candidates, earned, strict=True)]
+    return candidates[int(np.argmax(expected))]
+
+
+def _returns(policy: GaussianPolicy, runner: ModelRunner, batch: Batch, discount: float) -> Array:
+    mean = replace(policy, noise="white", action_repeat=1)
+    return runner.collect(mean, batch).returns(discount)
 
 
 class Validation:
@@ -84,5 +104,5 @@ class Validation:
     def _better(self, best: Candidate | None, policy: GaussianPolicy) -> Candidate | None:
         if not policy.mean.weights.any():
             return best
-        candidate = Candidate(policy, self._runner.collect(policy, self._batch).returns(self._discount))
+        candidate = Candidate(policy, _returns(policy, self._runner, self._batch, self._discount))
         return candidate if best is None or candidate.mean > best.mean else best

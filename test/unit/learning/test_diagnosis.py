@@ -33,7 +33,7 @@ ERRORS = (nan, 0.3, 0.1, 0.04, 0.03, 0.02, 0.02, 0.02)
 
 
 def known(evaluation: float, **values: float | bool) -> Summary:
-    usual = Summary(1.0, evaluation, evaluation, 0.3, lowest_reward=0.0, highest_reward=1.0, optimistic=False)
+    usual = Summary(1.0, evaluation, evaluation, 0.3, lowest_reward=0.0, highest_reward=1.0)
     return replace(usual, **values)  # type: ignore[arg-type]
 
 
@@ -73,12 +73,6 @@ def test_each_sign_has_its_advice(sign: Sign, bad: list[Summary]) -> None:
     assert advice_on(bad[:2]) == []  # two iterations may be luck
 
 
-def test_optimistic_iterations_do_not_show_a_bad_model() -> None:
-    optimistic = curve(model_return=0.9, model_error=1.2, optimistic=True)
-    assert not predicts_badly(optimistic)
-    assert not predicts_badly([*optimistic, *errors(0.7, 0.7)])
-
-
 def test_a_run_that_learns_and_one_that_has_learnt_get_no_advice() -> None:
     assert all(advice_on(HEALTHY[: k + 1]) == [] for k in range(len(HEALTHY)))
     assert advice_on([*HEALTHY, *[HEALTHY[-1]] * 20]) == []
@@ -92,7 +86,6 @@ def test_random_starts_get_no_advice() -> None:
 
 def test_unknown_values_get_no_advice() -> None:
     assert advice_on([Summary(1.0)] * 20) == []
-    assert advice_on([Summary(1.0, 1.4, 23.0, 0.3)] * 20) == []  # may be optimistic
 
 
 @pytest.mark.parametrize(
@@ -102,7 +95,6 @@ def test_unknown_values_get_no_advice() -> None:
         of_model(1740.0, 926.0, 784.0, 115.0, 115.0, 248.0),
         of_model(926.0, 784.0, 248.0, 219.0, 115.0),  # it becomes better
         [known(250.0, exploration_return=250.0, model_return=250.0 + 1e-9)] * 8,
-        curve(model_return=23.0, optimistic=True),
         curve(highest_reward=0.0, terminates=True),  # such as 1 for each step without a fall
         curve(saturated=0.9),
         curve(4, saturated=0.99),
@@ -136,7 +128,7 @@ def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> No
     assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
     rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
     assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
-    assert (summary.terminates, summary.optimistic) == (False, False)
+    assert not summary.terminates
     wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
     assert summary_of(replace(last, evaluation=wide), spaces).saturated == 1.0
 

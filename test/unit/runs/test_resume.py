@@ -10,6 +10,7 @@ import pytest
 
 from rkhs_ros.base.files import locked
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.storage import unpacked
 from rkhs_ros.recordings.recording import read_recording
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -72,6 +73,18 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
     assert len(Curve(folder / "curve.csv").rows()) == batches // 2
     left = Stopping(8 - batches // 2 * 2)  # no finished iteration is repeated
     assert results(run_training(CONFIG, left, folder, quiet=True, resume=True)) == whole
+
+
+def test_a_run_with_a_model_resumes_the_policy_that_explores_as_well_as_the_recommended_one(tmp_path: Path) -> None:
+    model = ModelBased(updates=5, rollouts=4, centres=30, discovery="none")
+    config = replace(CONFIG, training=replace(TRAINING, iterations=5, horizon=10, model=model))
+    folder, whole = (
+        stopped(tmp_path / "run", 8, config),
+        run_training(config, Stopping(), tmp_path / "whole", quiet=True),
+    )
+    updates = read_recording(whole / "recording.mcap").updates
+    assert updates[2].policy_version != updates[2].explorer_version
+    assert results(resumed(folder, config)) == results(whole)
 
 
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:

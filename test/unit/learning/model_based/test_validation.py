@@ -18,7 +18,7 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.validation import Validation
+from rkhs_ros.learning.model_based.validation import Validation, recommended
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import ModelBased, Training
@@ -166,12 +166,34 @@ def test_validation_chooses_among_the_same_updates() -> None:
 
 
 @pytest.mark.parametrize("episodes", [1, 2])
-def test_the_model_return_is_that_of_the_best_policy_in_validation(episodes: int) -> None:
+def test_the_model_return_is_that_of_the_policy_in_rollouts_with_their_own_functions(episodes: int) -> None:
     (iteration,) = learn(replace(TRAINING, iterations=1, episodes_per_iteration=episodes))
-    runner = fitted(TRAINING, iteration.exploration)
-    seed = stream_seed(TRAINING.seed, "validation", 0)
+    model = fitted(TRAINING, iteration.exploration)._model
+    runner = ModelRunner(model, visited_starts=False, reward_margin=0.0)
+    seed = stream_seed(TRAINING.seed, "recommendation", 0)
     rollouts = runner.collect(iteration.policy, Batch(seed, 0, SMALL.rollouts, HORIZON, explore=False))
     assert iteration.model_return == rollouts.returns(TRAINING.discount).mean()
+
+
+@pytest.mark.parametrize(
+    ("earned", "best"),
+    [
+        ([[], []], 1),
+        ([[4.0], []], 1),
+        ([[4.2], []], 0),
+        ([[4.5, 4.5], []], 0),
+        ([[4.5], [0.0]], 0),
+        ([[4.0], [4.0]], 1),
+    ],
+)
+def test_the_recommended_policy_has_the_greatest_mean_of_its_real_returns_and_that_in_the_model(
+    earned: list[list[float]], best: int
+) -> None:
+    policies = constant(2.0), constant(2.55)  # mean returns of 3 and 3.55
+    tried = [(policy, np.array(its)) for policy, its in zip(policies, earned, strict=True)]
+    found = recommended(tried, Scripted(), Batch(7, 0, 3, HORIZON, explore=False), 0.9)
+    assert found.policy is policies[best]
+    assert found.mean == pytest.approx((3.0, 3.55)[best])
 
 
 def constant_updates(action: Callable[[int], float]) -> tuple[RKHSNAC, list[int]]:
@@ -224,12 +246,13 @@ def test_an_earlier_policy_replaces_one_that_turned_out_to_be_worse() -> None:
     good, _ = constant_updates(lambda number: 1.5)
     wide = replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)))
     (first,) = learn(replace(wide, iterations=1, algorithm=good))
-    failed = replace(first.state, policy=constant(-1.5), earlier=(first.policy,))
+    failed = replace(first.state, explorer=constant(-1.5), earlier=(first.state.explorer,))
     bad, _ = constant_updates(lambda number: -0.1 * number)
     (second,) = learn(replace(wide, iterations=2, algorithm=bad), failed)
     points = first.exploration.flat(first.exploration.observations)
     np.testing.assert_allclose(second.policy.mean(points), first.policy.mean(points), atol=1e-3)
-    assert second.state.earlier == (failed.policy, first.policy)
+    assert second.state.earlier[0] is failed.explorer
+    assert second.state.earlier[1] is first.state.explorer
 
 
 def test_training_ends_if_no_policy_improves() -> None:
@@ -249,4 +272,4 @@ def test_training_may_return_to_the_last_five_policies_before_the_newest() -> No
     quick = replace(TRAINING, iterations=7, evaluate_every=0, model=replace(SMALL, updates=1))
     iterations = learn(quick)
     assert [len(each.state.earlier) for each in iterations] == [1, 2, 3, 4, 5, 5, 5]
-    assert iterations[-1].state.earlier[0] is iterations[-2].policy
+    assert iterations[-1].state.earlier[0] is iterations[-2].state.explorer
