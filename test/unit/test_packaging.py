@@ -105,14 +105,6 @@ def test_the_packages_asked_for_are_those_pinned_and_named_to_rosdep() -> None:
     assert {KEYS.get(name, f"python3-{name}") for name in pinned} <= named("exec_depend")
 
 
-@pytest.mark.parametrize("package", [ROOT, ROOT / "rkhs_interfaces"], ids=["rkhs_ros", "rkhs_interfaces"])
-def test_each_package_has_its_licence_and_a_changelog_of_its_name(package: Path) -> None:
-    name = ET.parse(package / "package.xml").findtext("name")
-    assert (package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
-    title = (package / "CHANGELOG.rst").read_text().splitlines()[1]
-    assert title == f"Changelog for package {name}"
-
-
 def named(*kinds: str) -> set[str]:
     """Return the keys of rosdep in the manifest."""
     manifest = ET.parse(ROOT / "package.xml")

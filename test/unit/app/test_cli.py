@@ -89,9 +89,6 @@ def test_a_folder_without_a_last_policy_is_rejected_with_a_hint(rkhs: Run, tmp_p
     assert_refused(rkhs("train", run), f"got a folder. To resume a run, use --resume {run}")
 
 
-# The table of commands
-
-
 def test_a_command_imports_no_drawing_library() -> None:
     code = (
         "import sys\nfrom rkhs_ros.app.cli import main\n"

@@ -210,16 +210,6 @@ def constant_updates(action: Callable[[int], float]) -> tuple[RKHSNAC, list[int]
     return Constant(centres=12), updates
 
 
-def test_a_policy_is_not_replaced_by_a_worse_one() -> None:
-    good, _ = constant_updates(lambda number: 1.5)
-    bad, updates = constant_updates(lambda number: -0.1 * number)
-    (first,) = learn(replace(TRAINING, iterations=1, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)), algorithm=good))
-    second = learn(replace(TRAINING, kernel=replace(TRAINING.kernel, bandwidth=(1e4,)), algorithm=bad), first.state)
-    points = first.exploration.flat(first.exploration.observations)
-    np.testing.assert_allclose(second[-1].policy.mean(points), first.policy.mean(points), atol=1e-3)
-    assert updates
-
-
 def test_training_goes_on_from_an_earlier_policy_that_nothing_new_replaces() -> None:
     starts: list[GaussianPolicy] = []
 
