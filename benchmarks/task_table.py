@@ -22,6 +22,7 @@ from trial import TASKS, Curves, Point, Task, median_until
 PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
 RESULTS = PAGE.parent / "results" / "tasks"
 TABLE = RESULTS / "table.csv"
+PUBLISHED = RESULTS / "published.csv"  # by others
 BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
 AFTER = (5, 10, 20, 50, 100)  # episodes
 SCORES = ("episodes", "steps", "return")
@@ -186,7 +187,23 @@ def summary(cells: Cells) -> str:
                 for how in SCORES
             ]
             lines.append(f"| `{learner}` | {len(both)} | {' | '.join(found)} |")
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", *published(cells), ""])
+
+
+def published(cells: Cells) -> list[str]:
+    """Return a table in Markdown of published returns, means over seeds, beside those at the end of ours."""
+    with PUBLISHED.open(newline="") as file:
+        found = [((line["task"], line["learner"]), float(line["return"])) for line in csv.DictReader(file)]
+    returns = {key: np.mean([value for name, value in found if name == key]) for key, _ in found}
+    learners = dict.fromkeys(learner for _, learner in returns)
+    lines = [f"| Task | `ours` at the end | Episodes | {' | '.join(f'{each} after 100' for each in learners)} |"]
+    lines.append("|---" * (3 + len(learners)) + "|")
+    for task in dict.fromkeys(task for task, _ in returns):
+        if ours := cells.get(task, {}).get("ours"):
+            values = " | ".join(f"{returns[task, learner]:.0f}" for learner in learners)
+            end = shown(mean_over_runs(ours.scores("return")))
+            lines.append(f"| `{task}` | {end} ({len(ours.curves)}) | {ours.task.episodes} | {values} |")
+    return lines
 
 
 def _share(estimate: Estimate) -> str:

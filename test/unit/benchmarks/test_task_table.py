@@ -13,6 +13,8 @@ import tasks
 from task_learners import LEARNERS
 from trial import TASKS, Key, Point, read_curves, write_curves
 
+README = Path(__file__).parents[3] / "README.md"
+
 
 @pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_settings_that_fit(name: str) -> None:
@@ -82,4 +84,14 @@ def test_a_profile_weighs_tasks_equally_and_never_counts_runs_that_did_not_end()
 def test_table_and_page_are_those_of_the_stored_curves() -> None:
     cells = task_table.cells_of(read_curves(tasks.CURVES))
     assert task_table.TABLE.read_text() == task_table.text_of_table(cells)
-    assert task_table.PAGE.read_text() == task_table.page_with(task_table.summary(cells))
+    page = task_table.PAGE.read_text()
+    assert page == task_table.page_with(task_table.summary(cells))
+    lines = [
+        line.strip("| ").split(" | ") for line in (page + README.read_text()).splitlines() if line[:3] in ("| [", "| `")
+    ]
+    rows = {line[0].split("`")[1]: line for line in lines if len(line) == 9}
+    quoted = [line for line in lines if len(line) == 5 and line[0].strip("`") in rows]
+    assert len(quoted) == 5
+    for name, *figures in quoted:
+        row = rows[name.strip("`")]
+        assert figures == [*row[1:4], row[5]]
