@@ -47,7 +47,7 @@ class Iteration:
         evaluation: evaluation episodes after the update; empty in an iteration without evaluation.
         evaluation_returns: returns of these episodes.
         metrics: metrics of the update; with a model, of its last update.
-        model_return: validation return of the policy in the model; nan without a model.
+        model_return: expected return of the policy; nan without a model.
         model_error: error of the previous model on this iteration's episodes; nan if there was none.
         tried: episodes in which the line search tried step sizes, in the order of collection.
     """

@@ -110,10 +110,11 @@ def _iteration_after(state: State, training: Training, collector: Collector, spa
     earlier: tuple[GaussianPolicy, ...] = ()
     if isinstance(training.model, ModelBased):
         memory = remembered(state.memory, exploration, training, policy, spaces)
-        known = training.episodes_per_iteration, policy.action_repeat, state.iterations, state.earlier, state.policy
+        newest, explorers = training.episodes_per_iteration, (state.explorer, *state.earlier)
+        known = newest, policy.action_repeat, state.iterations, explorers, state.policy
         experience = RealExperience(training, spaces, memory, *known)
         trained = train_in_model(training.model, policy, experience)
-        earlier = (state.explorer, *state.earlier)[:EARLIER]
+        earlier = explorers[:EARLIER]
     else:
         repeat = policy.action_repeat
         episodes = exploration.decisions(repeat, training.discount, spaces).with_inputs(policy.inputs)

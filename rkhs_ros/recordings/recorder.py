@@ -98,7 +98,7 @@ class Recorder:
 
 
 def update_fields(iteration: Iteration) -> dict[str, Any]:
-    """Return the fields of the message of an iteration, except the version of the policy."""
+    """Return the fields of the message of an iteration, except the versions of policies."""
     known = iteration.row(seconds=0.0)._asdict()
     known.pop("seconds")  # the message has a time stamp
     return {

@@ -38,7 +38,7 @@ def learn_offline(training: Training, spaces: Spaces, episodes: Episodes) -> Ite
     while state.iterations < training.iterations:
         # The model is the same in all iterations, and has already compared the earlier policies.
         experience = RealExperience(
-            training, spaces, episodes, newest, repeat, state.iterations, earlier=(), may_explore=False
+            training, spaces, episodes, newest, repeat, state.iterations, (state.policy,), may_explore=False
         )
         trained = train_in_model(settings, state.policy, experience)
         policy = trained.policy

@@ -136,7 +136,7 @@ def state_of(recording: Recording, training: Training, spaces: Spaces, what: str
     check_trained(recording, what)
     *_, last = updates = recording.updates
     versions = [1, *(update.explorer_version for update in updates)]  # version 1 acted first
-    absent = [version for version in (*versions, last.policy_version) if version not in recording.policies]
+    absent = sorted({*versions, *(update.policy_version for update in updates)} - set(recording.policies))
     require(not absent, what, "the policies of the finished iterations", f"none of version {absent}")
     explorer, *earlier = (recording.policies[version] for version in reversed(versions))
     episodes, memory = recording.by_numbers(), Episodes.none(1, 1, 1)

@@ -28,8 +28,8 @@ class RealExperience:
         newest: number of episodes of the last iteration.
         action_repeat: number of steps for which the policy holds an action.
         iteration: number of previous real iterations.
-        earlier: policies of earlier episodes, which the model may now prefer.
-        best: the policy that was expected to be the best before the newest episodes; None if none was trained.
+        explorers: the last policies that explored, the newest first.
+        best: the policy that was expected to be the best before the newest episodes; None without new episodes.
         may_explore: whether the trained policy runs new episodes, which may show the way to a run that is stuck.
     """
 
@@ -39,7 +39,7 @@ class RealExperience:
     newest: int
     action_repeat: int
     iteration: int
-    earlier: tuple[GaussianPolicy, ...] = ()
+    explorers: tuple[GaussianPolicy, ...] = ()
     best: GaussianPolicy | None = None
     may_explore: bool = True
 

@@ -16,7 +16,7 @@ from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_err
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model_based.real_experience import RealExperience
-from rkhs_ros.learning.model_based.validation import Validation, recommended
+from rkhs_ros.learning.model_based.validation import Earned, Validation, recommended
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
@@ -78,7 +78,7 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
     where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and goes on
     from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their
-    own functions, and training goes on. The policy is that of the newest episodes.
+    own functions, and training goes on. The policy gives inputs and action repeat.
     """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
@@ -103,7 +103,7 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         visited_starts=not focused,
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
-    earned = _earned(experience, policy, inputs, comparable=focused)
+    earned = _earned(experience, inputs, comparable=focused and experience.may_explore)
     earlier = [each for each, _ in earned.values()]
     policy, metrics, expected = _optimise(settings, algorithm, start, earlier, experience, runner)
     explorer = exploration_policy(
@@ -119,21 +119,20 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     earned.setdefault(_key(explorer), (explorer, np.zeros(0)))
     runner = ModelRunner(model, visited_starts=False, reward_margin=0.0)
     best = recommended(list(earned.values()), runner, batch, experience.discount)
-    policy = replace(best.policy, action_repeat=experience.action_repeat)
-    return Trained(policy, explorer, metrics, best.mean, error)
+    return Trained(replace(best.policy, action_repeat=experience.action_repeat), explorer, metrics, best.mean, error)
 
 
-def _earned(
-    experience: RealExperience, policy: GaussianPolicy, inputs: Inputs, *, comparable: bool
-) -> dict[bytes, tuple[GaussianPolicy, Array]]:
-    """Return the trained policies so far with these inputs and their real returns, none unless they are comparable."""
-    earned: dict[bytes, tuple[GaussianPolicy, Array]] = {}
+def _earned(experience: RealExperience, inputs: Inputs, *, comparable: bool) -> dict[bytes, Earned]:
+    """Return the trained policies with these inputs, and their returns at the present action repeat if comparable."""
+    earned: dict[bytes, Earned] = {}
     rewards, unknown = experience.episodes.rewards[:, : _horizon(experience)], np.zeros(0)
-    returns = (rewards @ experience.discount ** np.arange(rewards.shape[1])).reshape(-1, experience.newest)[::-1]
-    for each, its in (*zip((policy, *experience.earlier), returns, strict=False), (experience.best, unknown)):
+    returns = rewards @ experience.discount ** np.arange(rewards.shape[1])
+    for ago, each in enumerate((*experience.explorers, experience.best)):
         if each is not None and each.inputs == inputs and each.mean.weights.any():
+            counts = comparable and ago < len(experience.explorers) and each.action_repeat == experience.action_repeat
+            its = returns[::-1][ago * experience.newest :][: experience.newest] if counts else unknown
             first, others = earned.get(_key(each), (each, unknown))
-            earned[_key(each)] = first, np.append(others, its if comparable else unknown)
+            earned[_key(each)] = first, np.append(others, its)
     return earned
 
 

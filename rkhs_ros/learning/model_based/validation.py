@@ -26,10 +26,11 @@ class Candidate(NamedTuple):
         return float(self.returns.mean())
 
 
-def recommended(
-    earned: Sequence[tuple[GaussianPolicy, Array]], runner: ModelRunner, batch: Batch, discount: float
-) -> Candidate:
-    """Return the policy with the greatest expected return, given policies and their real returns, shape (M >= 0,).
+Earned = tuple[GaussianPolicy, Array]  # a policy and its real returns, shape (M >= 0,)
+
+
+def recommended(earned: Sequence[Earned], runner: ModelRunner, batch: Batch, discount: float) -> Candidate:
+    """Return the policy with the greatest expected return.
 
     Policies that explore are the best in a few functions drawn from the model. For use, a policy must be good on
     average over all that the model considers possible, which counts as much as one of its real episodes.

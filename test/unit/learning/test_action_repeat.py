@@ -178,7 +178,7 @@ def test_the_action_repeat_is_corrected_at_most_once_and_only_in_the_second_and_
 
     def after(iterations: int, *policies: GaussianPolicy) -> int:
         """Return the action repeat after more iterations; the policies are the newest first."""
-        state = replace(first, iterations=iterations, policy=policies[0], earlier=policies[1:])
+        state = replace(first, iterations=iterations, explorer=policies[0], earlier=policies[1:])
         return with_action_repeat(replace(state, memory=episodes.take(slice(0))), training, episodes).action_repeat
 
     assert after(1, short, first.policy) == better
@@ -215,7 +215,7 @@ def small_model(training: Training) -> Training:
 
 def test_offline_training_groups_the_recorded_steps() -> None:
     runner, training = pendulum(), small_model(SHORT)
-    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 3, 200, explore=True))
+    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 7, 200, explore=True))  # a fifth is no divisor
     expected = choose_action_repeat(episodes)
     assert expected > 1
     iterations = list(learn_offline(training, runner.spaces, episodes))
