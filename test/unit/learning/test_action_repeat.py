@@ -215,7 +215,7 @@ def small_model(training: Training) -> Training:
 
 def test_offline_training_groups_the_recorded_steps() -> None:
     runner, training = pendulum(), small_model(SHORT)
-    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 7, 200, explore=True))  # a fifth is no divisor
+    episodes = runner.collect(first_policy(SHORT, runner.spaces), Batch(0, 0, 7, 200, explore=True))
     expected = choose_action_repeat(episodes)
     assert expected > 1
     iterations = list(learn_offline(training, runner.spaces, episodes))
