@@ -276,7 +276,7 @@ def _linear(parameters: tuple[float, ...]) -> Kernel:
     return Linear(parameters[:half], parameters[half:])
 
 
-# A kernel that configurations can name also needs an entry in learning/kernel_choice.py; see docs/custom_kernel.md.
+# A new kernel may also need entries in learning/kernel_choice.py and policies/onnx_export.py: docs/custom_kernel.md.
 LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {
     "rbf": RBF,
     "polynomial": _polynomial,

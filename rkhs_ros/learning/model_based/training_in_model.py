@@ -27,8 +27,7 @@ from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
-EXPLORATION_MINIMUM = 0.1  # their minimum standard deviation, relative to the first one
-NARROW = 0.3  # that of real episodes after the first iteration, likewise, to visit the states of the policy mean
+NARROW = 0.3  # their least one relative to the first one, and that of real episodes after the first iteration
 WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
@@ -197,7 +196,7 @@ def _optimise(
             update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
             policy, metrics = algorithm.update(policy, update)
             memory = algorithm.remembered(rollouts + memory, discount)
-            deviation = np.maximum(deviation * EXPLORATION_DECAY, EXPLORATION_MINIMUM * first)
+            deviation = np.maximum(deviation * EXPLORATION_DECAY, NARROW * first)
             if not algorithm.learns_variance:
                 policy = replace(policy, variance=ConstantVariance(deviation**2))
             number += 1
