@@ -1,8 +1,10 @@
 """The policy node serves one policy throughout a batch, and refuses invalid ones."""
 
+import time
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -55,15 +57,23 @@ def set_policy_request(served: GaussianPolicy, version: int) -> SetPolicy.Reques
 
 
 def reply(probe: Probe, message: Observation) -> Action:
-    count = len(probe.heard["action"])
-    probe.say("observation", message)
-    probe.until(lambda: len(probe.heard["action"]) > count)
-    return probe.heard["action"][-1]
+    """Return the answer to a message, which is sent again after some seconds: it may be lost when nodes just met."""
+    step, count = (message.batch, message.step), len(probe.heard["action"])
+    sent = -inf
+
+    def answers() -> list[Action]:
+        nonlocal sent
+        if time.monotonic() > sent + 5.0:
+            probe.say("observation", message)
+            sent = time.monotonic()
+        return [each for each in probe.heard["action"][count:] if (each.batch, each.step) == step]
+
+    probe.until(lambda: bool(answers()))
+    return answers()[-1]
 
 
 def answer(probe: Probe, message: Observation) -> tuple[int, np.ndarray]:
     heard = reply(probe, message)
-    assert (heard.batch, heard.step) == (message.batch, message.step)
     return heard.policy_version, np.frombuffer(heard.actions).reshape(2, 1)
 
 
