@@ -14,7 +14,7 @@ UNDISCOUNTED = 1.0
 
 
 class Row(NamedTuple):
-    """Numbers of an iteration: one line of curve.csv, whose page defines them; Update.msg has the same fields."""
+    """Numbers of an iteration: one line of curve.csv, whose page defines them. Update.msg has all but seconds."""
 
     iteration: int
     episodes: int

@@ -211,15 +211,19 @@ class Probe(Node):
         return next(future.result() for future, _ in futures if future.done())
 
     def ask_once(self, service: str, request: Any, node: str) -> Any:
-        """Return the answer to a request that may act, so that it must not be repeated.
+        """Return the answer to a request that may act, so that it must not be repeated."""
+        self.greet(node)
+        return self.ask(service, request, again=inf)
 
-        The node first answers a client that was made later, so it knows this one, too: its answer is not lost.
+    def greet(self, node: str) -> None:
+        """Wait until a node has answered a client that was made later than all else here.
+
+        So it knows the rest of this node, too: no message and no answer is lost.
         """
         greeting = f"{node}/list_parameters"
         if greeting not in self._services_asked:
             self.add_service(greeting, ListParameters)
         self.ask(greeting, ListParameters.Request())
-        return self.ask(service, request, again=inf)
 
     def add_node(self, name: str, **arguments: Any) -> Node:
         """Return a node of that name, whose messages are handled with the probe's own."""

@@ -1,10 +1,8 @@
 """The policy node serves one policy throughout a batch, and refuses invalid ones."""
 
-import time
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -56,24 +54,21 @@ def set_policy_request(served: GaussianPolicy, version: int) -> SetPolicy.Reques
     return SetPolicy.Request(policy=policy_message(msg, served, version))
 
 
+def meet(probe: Probe) -> None:
+    probe.speak("observation")
+    probe.greet("policy")
+
+
 def reply(probe: Probe, message: Observation) -> Action:
-    """Return the answer to a message, which is sent again after some seconds: it may be lost when nodes just met."""
-    step, count = (message.batch, message.step), len(probe.heard["action"])
-    sent = -inf
-
-    def answers() -> list[Action]:
-        nonlocal sent
-        if time.monotonic() > sent + 5.0:
-            probe.say("observation", message)
-            sent = time.monotonic()
-        return [each for each in probe.heard["action"][count:] if (each.batch, each.step) == step]
-
-    probe.until(lambda: bool(answers()))
-    return answers()[-1]
+    count = len(probe.heard["action"])
+    probe.say("observation", message)
+    probe.until(lambda: len(probe.heard["action"]) > count)
+    return probe.heard["action"][-1]
 
 
 def answer(probe: Probe, message: Observation) -> tuple[int, np.ndarray]:
     heard = reply(probe, message)
+    assert (heard.batch, heard.step) == (message.batch, message.step)
     return heard.policy_version, np.frombuffer(heard.actions).reshape(2, 1)
 
 
@@ -88,8 +83,7 @@ def expected(served: GaussianPolicy, step: int) -> np.ndarray:
 @pytest.fixture
 def node(run_node: Start, probe: Probe) -> None:
     run_node(PolicyNode, "policy")
-    probe.meet("action")
-    probe.speak("observation")
+    meet(probe)
     probe.until(lambda: probe.ask("set_policy", set_policy_request(policy(0), 1)).success)
 
 
@@ -155,7 +149,7 @@ def test_a_saved_policy_is_served_without_exploration_noise(run_node: Start, pro
     saved = policy(2, inputs=WINDOW)
     save_policy(tmp_path / "policy.npz", saved, Task("rkhs/Pendulum-v0", {}, 4, 0.99))
     run_node(PolicyNode, "policy", "-p", f"policy_file:={tmp_path / 'policy.npz'}")
-    probe.meet("action")
+    meet(probe)
     done = np.zeros((2, 4, 1))
     for step in range(4):
         points = WINDOW.at(np.array([step]), np.repeat(SEEN[:, None], 4, axis=1), done)[:, 0]
