@@ -118,11 +118,16 @@ def test_a_hidden_state_lengthens_the_history_by_one_step(task: Any, hide: Any, 
     assert discovered(hidden, longer) == longer  # once more does not help
 
 
-def test_few_steps_and_the_longest_history_keep_the_history() -> None:
-    hidden = observing(pendulum(0), [0])
-    assert discovered(replace(hidden.take(slice(1)), mask=hidden.mask[:1] & (np.arange(HORIZON) < 99))).history == 1
-    known = Inputs(history=3, angles=(0.0,))
-    assert discovered(hidden, known) == known
+@pytest.mark.parametrize(("steps", "history"), [(99, 1), (100, 2)])
+def test_a_hundred_steps_lengthen_the_history(steps: int, history: int) -> None:
+    hidden = late(cart(0)).take(slice(1))
+    assert discovered(replace(hidden, mask=hidden.mask & (np.arange(HORIZON) < steps))).history == history
+
+
+def test_a_history_has_at_most_three_steps() -> None:
+    later = late(late(late(cart(0))))
+    assert discovered(later, Inputs(history=2)).history == 3
+    assert discovered(observing(later, [0]), Inputs(history=3)).history == 3
 
 
 def test_a_noisy_observation_of_the_whole_state_keeps_the_history() -> None:

@@ -100,8 +100,8 @@ def rotation(*rates: float) -> Array:
     [
         (rotation(0.13) % 1.0, True),  # turns per step
         (rotation(0.17) % 1.0, False),
-        (rotation(*[0.03] * 20, 0.35) % 1.0, True),  # the longest step
-        (rotation(*[0.03] * 20, 0.45) % 1.0, False),
+        (rotation(*[0.03] * 30, 0.2, 0.35) % 1.0, True),  # the longest step
+        (rotation(*[0.03] * 30, 0.2, 0.45) % 1.0, False),
         (rotation(*[0.02] * 48, 0.05) % 1.0, True),  # the step that wraps, relative to the others
         (rotation(*[0.02] * 47, 0.07) % 1.0, False),
         (rotation(0.1) % 1.07, True),  # a range of more than a turn, as noise may cause

@@ -1,6 +1,7 @@
 """Training for the initial observations alone, if they are almost the same."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,11 +9,11 @@ import pytest
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model_based import training_in_model
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import ModelBased, Training
+from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -110,20 +111,35 @@ def ridges_of_a_run(environment: str) -> list[tuple[float, float]]:
             used[self.ridge, self.value_ridge] = None
             return super().update(policy, experience)
 
-    model = ModelBased(updates=2, rollouts=4, centres=20)
-    algorithm = Spy(centres=10, ridge=0.01, value_ridge=0.001)
-    shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
-    learn(model_free(**shared, horizon=20, algorithm=algorithm, model=model), environment)
+    learn(Spy(centres=10, ridge=0.01, value_ridge=0.001), environment)
     return list(used)
 
 
-def learn(training: Training, environment: str) -> list[Iteration]:
-    """Return all iterations of a run."""
+def learn(algorithm: RKHSNAC, environment: str) -> None:
+    """Train for two iterations."""
+    model = ModelBased(updates=2, rollouts=4, centres=20)
+    shared = {"iterations": 2, "episodes_per_iteration": 1, "evaluation_episodes": 1, "exploration_sd": "range"}
     with InlineRunner(Simulation(environment)) as runner:
-        return list(train(training, runner))
+        list(train(model_free(**shared, horizon=20, algorithm=algorithm, model=model), runner))
 
 
 def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
     usual, small = (0.01, 0.001), (1e-4, 1e-5)
     assert ridges_of_a_run("rkhs/CartPoleSwingUp-v0") == [usual, small]
     assert ridges_of_a_run("Pendulum-v1") == [usual]  # which starts at random angles
+
+
+@pytest.mark.parametrize(("environment", "count"), [("rkhs/CartPoleSwingUp-v0", 1), ("Pendulum-v1", 5)])
+def test_rollouts_share_five_worlds_if_starts_vary(
+    environment: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts = []
+
+    class Spy(ModelRunner):
+        def __init__(self, model: DynamicsModel, **options: Any) -> None:
+            counts.append(len(options.get("worlds", ())))
+            super().__init__(model, **options)
+
+    monkeypatch.setattr(training_in_model, "ModelRunner", Spy)
+    learn(RKHSNAC(centres=10), environment)
+    assert counts[-2:] == [count, 0]  # the policy for use is the best in all functions
