@@ -28,6 +28,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 NARROW = 0.3  # their least one relative to the first one, and that of real episodes after the first iteration
+FINE = 0.1  # the least one once initial observations vary, which helps policies out of local optima, too
 WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
@@ -103,8 +104,8 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
     earned = _earned(experience, inputs, comparable=focused and experience.may_explore)
-    earlier = [each for each, _ in earned.values()]
-    policy, metrics, expected = _optimise(settings, algorithm, start, earlier, experience, runner)
+    earlier, least = [each for each, _ in earned.values()], FINE if not focused and len(episodes) > 1 else NARROW
+    policy, metrics, expected = _optimise(settings, algorithm, start, earlier, experience, runner, least)
     explorer = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
@@ -175,13 +176,17 @@ def _optimise(
     earlier: list[GaussianPolicy],
     experience: RealExperience,
     runner: ModelRunner,
+    least: float,
 ) -> tuple[GaussianPolicy, Metrics, float]:
     """Update a policy in the model; return the best of all with the metrics of the last update and its return there.
 
-    If training from the start finds nothing better than the earlier policies, it goes on from the best of these.
+    Exploration decays to the least one, relative to the first. If training from the start finds nothing better than the
+    earlier policies, it goes on from the best of these.
     """
     horizon, discount = _horizon(experience), experience.discount
-    seed = stream_seed(experience.training.seed, "validation", experience.iteration)
+    seed, practice = (
+        stream_seed(experience.training.seed, name, experience.iteration) for name in ("validation", "practice")
+    )
     validation = Validation(settings.rollouts, runner, seed, horizon, discount)
     for each in earlier:
         validation.consider_earlier(each)
@@ -192,11 +197,12 @@ def _optimise(
         memory = Episodes.none(horizon, runner.spaces.observation_dim, runner.spaces.action_dim)
         memory = memory.with_inputs(policy.inputs)
         while validation.improves and number < settings.updates:
-            rollouts = runner.collect(policy, _batch(settings, experience, number)).with_inputs(policy.inputs)
+            batch = Batch(practice, number * settings.rollouts, settings.rollouts, horizon, explore=True)
+            rollouts = runner.collect(policy, batch).with_inputs(policy.inputs)
             update = Experience(rollouts, discount, memory, _no_fresh_episodes, experience.first_variance, number)
             policy, metrics = algorithm.update(policy, update)
             memory = algorithm.remembered(rollouts + memory, discount)
-            deviation = np.maximum(deviation * EXPLORATION_DECAY, NARROW * first)
+            deviation = np.maximum(deviation * EXPLORATION_DECAY, least * first)
             if not algorithm.learns_variance:
                 policy = replace(policy, variance=ConstantVariance(deviation**2))
             number += 1
@@ -257,11 +263,6 @@ def _horizon(experience: RealExperience) -> int:
     if experience.discount == 1.0:
         return horizon
     return min(horizon, int(np.ceil(HORIZONS_AHEAD / (1.0 - experience.discount))))
-
-
-def _batch(settings: ModelBased, experience: RealExperience, number: int) -> Batch:
-    seed = stream_seed(experience.training.seed, "practice", experience.iteration)
-    return Batch(seed, number * settings.rollouts, settings.rollouts, _horizon(experience), explore=True)
 
 
 def _no_fresh_episodes(policy: GaussianPolicy, episodes: int) -> Episodes:

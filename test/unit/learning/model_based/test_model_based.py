@@ -263,7 +263,10 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
     assert discount**steps < 0.05 or steps == 100
 
 
-def test_exploration_in_the_model_decays_to_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("task", "later"), [(PENDULUM, 0.3), ("Pendulum-v1", 0.1)])
+def test_exploration_in_the_model_decays_to_its_minimum(
+    task: Any, later: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     deviations: list[float] = []  # before each update
 
     @dataclass(frozen=True)
@@ -272,7 +275,8 @@ def test_exploration_in_the_model_decays_to_its_minimum(monkeypatch: pytest.Monk
             deviations.append(float(np.sqrt(policy.variance(np.zeros((1, 2))))[0, 0]))
             return super().update(policy, experience)
 
-    training = settings(iterations=1, exploration_sd=[2.0], model={**MODEL, "updates": 60})
+    training = settings(iterations=2, episodes_per_iteration=1, exploration_sd=[2.0], model={**MODEL, "updates": 80})
     monkeypatch.setattr(Validation, "improves", True)
-    learn(replace(training, algorithm=Watched(centres=12)), Odd)
-    np.testing.assert_allclose(deviations, 2.0 * np.maximum(0.97 ** np.arange(60), 0.3))
+    learn(replace(training, algorithm=Watched(centres=12)), task)
+    expected = [2.0 * np.maximum(0.97 ** np.arange(80), least) for least in (0.3, later)]
+    np.testing.assert_allclose(deviations, np.concatenate(expected))
