@@ -28,7 +28,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 NARROW = 0.3  # their least one relative to the first one, and that of real episodes after the first iteration
-FINE = 0.1  # the least one once initial observations vary, which helps policies out of local optima, too
+FINE = 0.1  # the least one once initial observations are known to vary; with more, policies are less precise
 WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
@@ -104,8 +104,8 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
     earned = _earned(experience, inputs, comparable=focused and experience.may_explore)
-    earlier, least = [each for each, _ in earned.values()], FINE if not focused and len(episodes) > 1 else NARROW
-    policy, metrics, expected = _optimise(settings, algorithm, start, earlier, experience, runner, least)
+    least = FINE if model.starts_vary and len(episodes) > 1 else NARROW
+    policy, metrics, expected = _optimise(settings, algorithm, start, list(earned.values()), experience, runner, least)
     explorer = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
         experience.first_variance,
@@ -173,7 +173,7 @@ def _optimise(
     settings: ModelBased,
     algorithm: Algorithm,
     start: GaussianPolicy,
-    earlier: list[GaussianPolicy],
+    earlier: list[Earned],
     experience: RealExperience,
     runner: ModelRunner,
     least: float,
@@ -184,11 +184,10 @@ def _optimise(
     earlier policies, it goes on from the best of these.
     """
     horizon, discount = _horizon(experience), experience.discount
-    seed, practice = (
-        stream_seed(experience.training.seed, name, experience.iteration) for name in ("validation", "practice")
-    )
-    validation = Validation(settings.rollouts, runner, seed, horizon, discount)
-    for each in earlier:
+    seed, iteration = experience.training.seed, experience.iteration
+    practice = stream_seed(seed, "practice", iteration)
+    validation = Validation(settings.rollouts, runner, stream_seed(seed, "validation", iteration), horizon, discount)
+    for each, _ in earlier:
         validation.consider_earlier(each)
     first = np.sqrt(experience.first_variance)
     number = 0
