@@ -61,15 +61,8 @@ class Transitions:
     def of(cls, episodes: Episodes, inputs: Inputs, spaces: Spaces) -> Transitions:
         """Return the transitions of episodes with raw observations."""
         points = points_of(inputs.unfold(episodes.observations, episodes.actions), episodes.actions, spaces)
-        actions = points[..., -spaces.action_dim :]
-        every: tuple[NDArray[Any], ...] = (
-            points,
-            actions,
-            episodes.observations,
-            episodes.next_observations,
-            episodes.rewards,
-            episodes.ends,
-        )
+        moves = points, points[..., -spaces.action_dim :], episodes.observations, episodes.next_observations
+        every: tuple[NDArray[Any], ...] = (*moves, episodes.rewards, episodes.ends)
         return cls(*(episodes.flat(values) for values in every))
 
     def last(self, count: int) -> Transitions:
@@ -105,6 +98,7 @@ class DynamicsModel:
         state_delta: posterior of the change of the observation in a step, without the prior part.
         rewards: posterior of the reward of a non-terminal step; None with a prior.
         reward_depends_on_next: whether the reward is a function of the next observation instead of the current one.
+        rewards_are_rare: whether most steps earn the same reward, and the others, if any, more; False with a prior.
         termination: limits of the features beyond which an episode is terminated, or a posterior that is positive
             there; None with a prior, or if no episode was terminated.
         terminal_reward: reward that a terminal step earns in addition to the prediction of the attribute ``rewards``.
@@ -123,6 +117,7 @@ class DynamicsModel:
     state_delta: Posterior
     rewards: Posterior | None
     reward_depends_on_next: bool
+    rewards_are_rare: bool
     termination: Limits | Posterior | None
     terminal_reward: TerminalReward
     low: Array
@@ -169,6 +164,7 @@ class DynamicsModel:
             state_delta=Posterior.fit(steps.points, changes, centres, centred=centred),
             rewards=learnt.posterior,
             reward_depends_on_next=learnt.depends_on_next,
+            rewards_are_rare=learnt.are_rare,
             termination=_termination(steps, inputs, centres) if priors.termination_fn is None else None,
             terminal_reward=learnt.terminal,
             **_bounds(steps, coordinates),
@@ -287,18 +283,19 @@ class _Rewards(NamedTuple):
 
     posterior: Posterior | None
     depends_on_next: bool
+    are_rare: bool
     terminal: TerminalReward
 
 
-NO_REWARDS = _Rewards(None, depends_on_next=False, terminal=TerminalReward())
+NO_REWARDS = _Rewards(None, depends_on_next=False, are_rare=False, terminal=TerminalReward())
 
 
 def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: int) -> _Rewards:
     """Fit the rewards as a function of the current or the next observation, whichever has the greater evidence."""
     leads = np.concatenate([inputs.features(steps.next_observations), steps.actions], axis=1)
     earned = steps.rewards[going_on, None]
-    is_rare = np.median(earned) == earned.min() < earned.max()  # most steps earn the same, the goal alone earns more
-    bandwidths = FINE_BANDWIDTHS if is_rare else BANDWIDTHS
+    are_rare = bool(np.median(earned) == earned.min())
+    bandwidths = FINE_BANDWIDTHS if are_rare else BANDWIDTHS  # the goal alone earns more
     fits = [Posterior.fit(p[going_on], earned, centres, bandwidths=bandwidths) for p in (steps.points, leads)]
     depends_on_next = fits[1].evidence > fits[0].evidence
     best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
@@ -307,7 +304,7 @@ def _rewards(steps: Transitions, going_on: np.ndarray, inputs: Inputs, centres: 
         rewards = steps.rewards[ended]
         extra = rewards - best.mean(points[ended])[:, 0]
         terminal = TerminalReward.fit(leads[ended], extra, rewards, float(np.ptp(steps.rewards[~ended])), centres)
-    return _Rewards(best, depends_on_next, terminal)
+    return _Rewards(best, depends_on_next, are_rare, terminal)
 
 
 def _starts_vary(starts: Array, steps: Transitions, inputs: Inputs) -> bool:

@@ -28,7 +28,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 NARROW = 0.3  # their least one relative to the first one, and that of real episodes after the first iteration
-FINE = 0.1  # the least one once initial observations are known to vary; with more, policies are less precise
+FINE = 0.1  # the least one for varying starts, for which 0.3 is less precise; less seldom reaches rare rewards
 WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
@@ -104,7 +104,7 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
     earned = _earned(experience, inputs, comparable=focused and experience.may_explore)
-    least = FINE if model.starts_vary and len(episodes) > 1 else NARROW
+    least = FINE if model.starts_vary and len(episodes) > 1 and not model.rewards_are_rare else NARROW
     policy, metrics, expected = _optimise(settings, algorithm, start, list(earned.values()), experience, runner, least)
     explorer = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),

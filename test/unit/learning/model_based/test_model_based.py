@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -263,7 +263,12 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
     assert discount**steps < 0.05 or steps == 100
 
 
-@pytest.mark.parametrize(("task", "later"), [(PENDULUM, 0.3), ("Pendulum-v1", 0.1)])
+def rarely_rewarded() -> gymnasium.Env[Any, Any]:
+    steps = count()
+    return gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda _: float(next(steps) % 4 == 0))
+
+
+@pytest.mark.parametrize(("task", "later"), [(PENDULUM, 0.3), ("Pendulum-v1", 0.1), (rarely_rewarded, 0.3)])
 def test_exploration_in_the_model_decays_to_its_minimum(
     task: Any, later: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
