@@ -16,7 +16,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import DrawnFunctions, Posterior
 
 START_VISITED_EVERY = 4  # one of this many rollouts starts at a visited observation instead of an initial one
-REWARD_MARGIN = 0.1  # in training, so that a policy looks for more than was observed
+REWARD_MARGIN = 0.3  # in training, so that a policy looks for more than was observed
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
 
 def test_a_run_with_a_model_resumes_the_policy_that_explores_as_well_as_the_recommended_one(tmp_path: Path) -> None:
     model = ModelBased(updates=5, rollouts=4, centres=30, discovery="none")
-    config = replace(CONFIG, training=replace(TRAINING, iterations=5, horizon=10, model=model, seed=22))
+    config = replace(CONFIG, training=replace(TRAINING, iterations=5, horizon=10, model=model))
     folder, whole = (
         stopped(tmp_path / "run", 8, config),
         run_training(config, Stopping(), tmp_path / "whole", quiet=True),

@@ -182,7 +182,7 @@ def test_rollouts_terminate_at_once_if_all_real_episodes_did() -> None:
     assert isinstance(model.termination, Posterior)
     assert (model.termination.mean(real.final_observations) > 0).all()
     rewards = real.flat(real.rewards)
-    margin = 0.1 * np.ptp(rewards)
+    margin = 0.3 * np.ptp(rewards)
     assert rewards.min() - margin <= second.model_return <= rewards.max() + margin  # of one step
 
 
