@@ -96,7 +96,7 @@ def over_topics(config: Config, policy: GaussianPolicy) -> tuple[float, float]:
         parameters = write_parameters(config, Path(folder) / "parameters.yaml")
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(("simulator", "policy"), parameters):
-            learner = LearnerNode()
+            learner = LearnerNode("learner")
             learner.open()
             runner = learner.runner
             runner.connect()

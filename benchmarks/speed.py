@@ -188,16 +188,16 @@ def main(sizes: Sizes) -> None:
     for name in TASKS if sizes is FULL else ("pendulum",):
         rollouts(name, steps=2_000 if sizes is FULL else 100, repeats=9 if sizes is FULL else 1)
     fits(*("cheetah", STEPS, 3) if sizes is FULL else ("pendulum", (100, 200), 1))
-    for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
+    for name in ("ac", "nac", "power"):
         updates(CONFIGS / f"pendulum_{name}.yaml", sizes)
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=trajectory"])
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=pursuit"])
-    for name in ("ac", "npg", "nac", "power"):
+    for name in ("ac", "nac", "power"):
         once(CONFIGS / f"pendulum_pomdp_{name}.yaml", sizes, "(aim 100 ms)")
     once(CONFIGS / "pendulum_pomdp_enac.yaml", sizes, "")
     printed = ["algorithm.weighting=as_published"]
     once(CONFIGS / "pendulum_power.yaml", sizes, "as printed: cubic in the samples", printed)
-    for name in ("ac", "npg", "nac", "power", "grid_ac", "enac", "grid_power"):
+    for name in ("ac", "nac", "power"):
         at_many(CONFIGS / f"pendulum_{name}.yaml", sizes)
 
 

@@ -89,6 +89,8 @@ def run(options: Namespace) -> int:
         make_table(curves)
         return 0
     work = list(asked(options, curves))
+    if not work:
+        print(f"nothing to train: {options.curves} has all curves")
     for key, result in run_parallel(learnt, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
         if isinstance(result, str):
             failed = True
