@@ -109,7 +109,7 @@ def main(horizon: int, episodes: int) -> None:
         parameters = write_parameters(config, Path(folder) / "parameters.yaml")
         rclpy.init(args=["--ros-args", "--params-file", str(parameters)])
         with started(node_names(config.environment.nodes)[:-1], parameters):
-            learner = LearnerNode()
+            learner = LearnerNode("learner")
             learner.open()
             loop, policy = Loop(learner), policy_of(config)
             learner.runner.connect()
