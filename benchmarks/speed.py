@@ -32,6 +32,7 @@ from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.runs.config import load_config
 
 CONFIGS = Path(__file__).parents[1] / "config"
+ALGORITHMS = "ac", "nac", "power"  # that have a configuration with and without a window
 
 
 class Sizes(NamedTuple):
@@ -188,16 +189,16 @@ def main(sizes: Sizes) -> None:
     for name in TASKS if sizes is FULL else ("pendulum",):
         rollouts(name, steps=2_000 if sizes is FULL else 100, repeats=9 if sizes is FULL else 1)
     fits(*("cheetah", STEPS, 3) if sizes is FULL else ("pendulum", (100, 200), 1))
-    for name in ("ac", "nac", "power"):
+    for name in ALGORITHMS:
         updates(CONFIGS / f"pendulum_{name}.yaml", sizes)
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=trajectory"])
     updates(CONFIGS / "pendulum_nac.yaml", sizes, ["algorithm.critic=pursuit"])
-    for name in ("ac", "nac", "power"):
+    for name in ALGORITHMS:
         once(CONFIGS / f"pendulum_pomdp_{name}.yaml", sizes, "(aim 100 ms)")
     once(CONFIGS / "pendulum_pomdp_enac.yaml", sizes, "")
     printed = ["algorithm.weighting=as_published"]
     once(CONFIGS / "pendulum_power.yaml", sizes, "as printed: cubic in the samples", printed)
-    for name in ("ac", "nac", "power"):
+    for name in ALGORITHMS:
         at_many(CONFIGS / f"pendulum_{name}.yaml", sizes)
 
 

@@ -28,7 +28,7 @@ from rkhs_ros.rkhs.kernels import Array
 
 EXPLORATION_DECAY = 0.97  # factor on the standard deviation of the model rollouts after each update
 NARROW = 0.3  # their least one relative to the first one, and that of real episodes after the first iteration
-FINE = 0.1  # the least one for varying starts, for which 0.3 is less precise; less seldom reaches rare rewards
+FINE = 0.1  # the least one for varying starts: 0.3 is less precise, but needed to reach rewards that are rare
 WORLDS = 5  # that model rollouts share if initial observations vary
 FINER = 100.0  # divisor of the ridges of an algorithm that trains a policy for one initial observation
 FROM_THE_START = 2  # number of the first of three consecutive rollouts that start from initial observations
