@@ -74,7 +74,7 @@ setup(
         "export": ["onnx>=1.17", "onnxruntime>=1.20", "pyarrow>=15"],
         "tensorboard": ["tensorboardX>=2.6"],
         "dask": ["distributed>=2024.8"],
-        "dev": requirements("dev"),
+        "test": requirements("dev"),  # colcon runs pytest if it finds it here
     },
     zip_safe=True,
     entry_points={"console_scripts": ["rkhs = rkhs_ros.app.cli:main", *(NODES if BY_COLCON else [])]},
