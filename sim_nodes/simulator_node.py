@@ -92,7 +92,6 @@ class SimulatorNode(ReportingNode):
         self._publish(batch, frame)
 
     def _fail(self, reason: str) -> None:
-        """End the batch."""
         self._batch = None
         self.diagnostics.stuck = reason
         self._episodes.publish(Episodes(batch=self._identity, policy_version=self._version, failure=reason))

@@ -12,7 +12,6 @@ def of_process(pid: int | str, file: str) -> str:
 
 
 def children_of(pid: int) -> list[int]:
-    """Return the process ids of a process's children."""
     return [int(child) for child in of_process(pid, f"task/{pid}/children").split()]
 
 

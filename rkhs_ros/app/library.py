@@ -238,7 +238,6 @@ Steps = Generator[tuple[Iteration, list[Row], GaussianPolicy | None, FinalEvalua
 
 
 def _run(config: Config, runner: InlineRunner, steps: Steps) -> Generator[Result, None, None]:
-    """Run the iterations and yield the results."""
     acting = partial(Policy, task=config.task, spaces=runner.spaces)
     with runner, closing(steps):
         for iteration, rows, best, final in steps:
@@ -247,7 +246,6 @@ def _run(config: Config, runner: InlineRunner, steps: Steps) -> Generator[Result
 
 
 def _in_memory(training: Training, runner: InlineRunner, first: State, quiet: bool) -> Steps:
-    """Run the iterations without files."""
     began, highest, best, rows = time.monotonic(), float("-inf"), None, list[Row]()
     diagnosis = Diagnosis(runner.spaces)
     with progress_bar(training, quiet=quiet) as show:

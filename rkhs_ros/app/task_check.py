@@ -18,7 +18,7 @@ from rkhs_ros.learning.discovery import (
     with_features,
 )
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
+from rkhs_ros.learning.model.rewards import reward_depends_on_action_only
 from rkhs_ros.learning.model_based.training_in_model import inputs_may_change
 from rkhs_ros.learning.state import Known, settings_of
 from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training

@@ -105,7 +105,6 @@ def _types(cls: type) -> dict[str, Any]:
 
 
 def _is_setting(f: Field[Any], types: dict[str, Any]) -> bool:
-    """Return whether a field is a setting or a section of settings."""
     return bool(f.metadata) or is_dataclass(types[f.name])
 
 
@@ -182,7 +181,6 @@ def _is_number(value: Any, kind: type) -> bool:
 
 
 def _named(kind: Any) -> str:
-    """Return the name of a class, or of the classes of a union."""
     return " or ".join(cls.__name__ for cls in getattr(kind, "__args__", (kind,)))
 
 

@@ -181,7 +181,6 @@ def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
 
 
 def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
-    """Return the share of the actions of an evaluation that are at or beyond a bound."""
     actions = evaluation.flat(evaluation.actions)
     low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
     return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else 0.0

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import Transitions, coordinates_of
+from rkhs_ros.learning.model.dynamics_model import coordinates_of
+from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -222,7 +223,6 @@ def _without_refuted_angles(
 
 
 def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Evidence:
-    """Return the evidence of a model of the last steps."""
     enough = int(np.searchsorted(np.cumsum(episodes.mask.sum(axis=1)[::-1]), MOST_STEPS)) + 1
     steps = Transitions.of(episodes.take(slice(-enough, None)), inputs, spaces).last(MOST_STEPS)
     coordinates = coordinates_of(steps, inputs)

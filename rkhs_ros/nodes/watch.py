@@ -56,7 +56,6 @@ Statuses = dict[str, DiagnosticStatus]
 
 
 def _joined(name: str, domain: int | None) -> Node:
-    """Return a node in a ROS domain, that of ROS_DOMAIN_ID if it is None, with a context of its own."""
     context = Context()
     with using_udp():  # like the nodes of a run
         rclpy.init(args=[], context=context, domain_id=domain)
@@ -213,7 +212,6 @@ def heading(progress: LearningProgress) -> Text:
 
 
 def _measured(progress: LearningProgress) -> str:
-    """Return the last evaluation return and the model return, as text."""
     measured = [each for each in progress.last_evaluation_returns if not isnan(each)]
     text = f", evaluation {measured[-1]:.4g}" if measured else ""
     return text + ("" if isnan(progress.model_return) else f", model {progress.model_return:.4g}")

@@ -81,7 +81,6 @@ def _moments(
 
 
 def _with_pictures(task: Task, modes: list[str]) -> Simulation:
-    """Return a simulation of the environment with a render mode."""
     what = f"an environment with render mode {ONE}"
     require(ONE in modes, task.environment, what, f"one with {', '.join(modes) or 'no render mode'}")
     choose_renderer()

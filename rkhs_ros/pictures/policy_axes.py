@@ -86,7 +86,6 @@ class PolicyAxes:
 
 
 def _are_observed(policy: GaussianPolicy) -> bool:
-    """Return whether the axes are the components of a single observation."""
     return policy.inputs.history == 1
 
 

@@ -77,7 +77,6 @@ def draw_policy(
 def _draw_map(
     axes: Axes, view: PolicyAxes, spaces: Spaces, visited: Sequence[Array], pair: tuple[int, int], action: int
 ) -> None:
-    """Draw the mean as colours, and the centres."""
     low, high = _range([points[:, pair] for points in visited])
     sides = [np.linspace(a, b, CELLS) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
@@ -96,7 +95,6 @@ def _draw_map(
 
 
 def _draw_line(axes: Axes, view: PolicyAxes, spaces: Spaces, visited: Sequence[Array], action: int) -> None:
-    """Draw the mean with the standard deviation of the exploration, and the centres."""
     (low,), (high,) = _range(visited)
     x, policy = np.linspace(low, high, 4 * CELLS), view.policy
     inputs = view.inputs(x[:, None])
@@ -113,7 +111,6 @@ def _draw_line(axes: Axes, view: PolicyAxes, spaces: Spaces, visited: Sequence[A
 
 
 def _draw_times(axes: Axes, view: PolicyAxes, spaces: Spaces, episode: Episodes, action: int) -> None:
-    """Draw the mean action over the steps of an episode, with its bounds."""
     mean = spaces.clip(view.policy.mean(view.inputs(view.visited(episode)[0])))[:, action]
     axes.plot(mean, color=BLUE, linewidth=1.2, marker="." if len(mean) < 2 else "")
     for bound in _bounds(spaces, action):

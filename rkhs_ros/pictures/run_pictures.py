@@ -55,7 +55,6 @@ def draw_run(folder: Path) -> list[Path]:
 
 
 def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None) -> Figure:
-    """Return the figure of a policy; for one-step tasks, the figure of the attempts."""
     recording = read_recording(folder)
     with faults_named(folder / FILE):
         episodes = recording.last_episodes()

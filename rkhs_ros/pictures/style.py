@@ -36,7 +36,6 @@ TICK_STEPS = (1, 2, 2.5, 5, 10)
 
 
 def _plain() -> ScalarFormatter:
-    """Return a tick formatter without offsets or factors."""
     formatter = ScalarFormatter(useOffset=False)
     formatter.set_scientific(False)
     return formatter

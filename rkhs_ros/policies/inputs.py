@@ -209,7 +209,6 @@ class Window:
 
 
 def _multinomial(counts: Sequence[int]) -> int:
-    """Return the number of permutations of a multiset with the given counts."""
     return prod(comb(sum(counts[: i + 1]), count) for i, count in enumerate(counts))
 
 

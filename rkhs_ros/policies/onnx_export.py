@@ -168,7 +168,6 @@ def _angles(graph: Graph, inputs: Inputs, observed: str, count: int) -> str:
 
 
 def _mean(graph: Graph, policy: Policy, window: str) -> str:
-    """Return the unclipped mean action for a window."""
     mean = policy.gaussian.mean
     if not len(mean.centres):  # some versions of ONNX Runtime cannot multiply empty matrices
         value = graph.add("MatMul", window, np.zeros((_window_dim(policy), mean.output_dim)))

@@ -28,7 +28,6 @@ def store() -> Typestore:
 
 @cache
 def _store_of(kind: str, text: str) -> Typestore:
-    """Return the types of a definition in a recording."""
     return store() if text == definition(kind) else _store_with((text, kind))
 
 

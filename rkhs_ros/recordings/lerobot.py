@@ -86,7 +86,6 @@ def export(
 
 
 def _rate(batches: Sequence[RecordedBatch]) -> int:
-    """Return the steps per second from the time stamps of a robot."""
     if not all(each.executions for each in batches):
         raise ValueError("--fps: expected the steps per second, which simulations do not record, got none")
     steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]
@@ -103,7 +102,6 @@ def _rate(batches: Sequence[RecordedBatch]) -> int:
 
 
 def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Columns]:
-    """Yield the columns of each episode."""
     index = 0
     singles = [single for batch in batches for single in batch.single_episodes()]
     for number, single in enumerate(singles):
@@ -135,7 +133,6 @@ def _episodes(batches: Sequence[RecordedBatch], fps: int | None) -> Iterator[Col
 
 
 def _descriptions(episodes: Sequence[Columns], task: str) -> dict[str, Any]:
-    """Return the location and the statistics of each episode."""
     lengths = np.array([len(each["timestamp"]) for each in episodes])
     ends = np.cumsum(lengths)
     none = np.zeros(len(episodes), dtype=np.int64)

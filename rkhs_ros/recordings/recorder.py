@@ -110,7 +110,6 @@ def update_fields(iteration: Iteration) -> dict[str, Any]:
 
 
 def _checksum(iteration: Iteration) -> int:
-    """Return a checksum of all episodes of an iteration."""
     digest = blake2b(digest_size=8)
     for episodes in (iteration.exploration, *iteration.tried, iteration.evaluation):
         for name in ARRAYS:

@@ -107,7 +107,6 @@ def fit_metric(
 def _refine_metric(
     plain: Coordinates, first: Fit, points: Array, targets: Array, roots: Array, regress: Regression, *, centred: bool
 ) -> tuple[Coordinates, Fit]:
-    """Update the metric, starting from a fit in plain coordinates, while the evidence grows."""
     best, fit = plain, first
     for _ in range(ROUNDS):
         axes = _axes(best, fit, points, roots, centred=centred)

@@ -89,7 +89,6 @@ class Simulation:
             raise
 
     def _describe(self) -> None:
-        """Set the attributes that describe the task."""
         actions = _continuous(self._envs.action_space, f"{self.environment} actions")
         self.observation_space = _continuous(self._envs.observation_space, f"{self.environment} observations")
         sizes = {"observation": self.observation_space, "action": actions}

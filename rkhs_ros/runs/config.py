@@ -112,7 +112,6 @@ class Config:
 
 
 def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Walk through the leaves of a tree by dotted names."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from ((f"{name}.{rest}", leaf) for rest, leaf in _leaves(value))

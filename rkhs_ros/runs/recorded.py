@@ -173,7 +173,6 @@ def _rows(held: Recording, folder: Path) -> list[Row]:
 
 
 def _changes(before: Sequence[str], now: Sequence[str]) -> str:
-    """Return a sentence about the versions that have changed."""
     began, resumes = (", ".join(sorted(set(one) - set(other))) for one, other in ((before, now), (now, before)))
     return f"begun with {began}, resumed with {resumes}; the results may differ from those of an uninterrupted run"
 

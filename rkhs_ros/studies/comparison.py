@@ -135,7 +135,6 @@ def _is_run(folder: Path) -> bool:
 
 
 def _grouped(runs: list[Run]) -> list[list[Run]]:
-    """Return the runs grouped by their settings and initial policies."""
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
@@ -148,7 +147,6 @@ def _grouped(runs: list[Run]) -> list[list[Run]]:
 
 
 def _common_task(runs: list[Run]) -> Task:
-    """Return the common task of all runs."""
     first = runs[0].config.task
     for run in runs:
         for name in ("environment", "horizon", "discount"):

@@ -181,7 +181,6 @@ class IterationPanel:
         return max(min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1), 1e-3)
 
     def _step_text(self, episode: Episodes, step: int, steps: int) -> str:
-        """Return a description of a step: observations, actions and reward."""
         done = self._source.spaces.clip(episode.actions[0, step][None])[0]
         numbers = [*zip(self._names.observations, episode.observations[0, step], strict=True)]
         numbers += [*zip(self._names.actions, done, strict=True)]

@@ -64,7 +64,6 @@ class RobotScene:
         return BodyTrajectories(self._task.period * np.arange(count, dtype=np.float64), positions, orientations)
 
     def _positions(self, observations: Array, actions: Array) -> dict[str, Array]:
-        """Return the positions of all sensed or commanded joints, by name, shape (steps,) each."""
         positions = {joint: observations[:, column] for joint, column in self._sensed.items()}
         if self._task.action.kind == "position" and len(self._joints) == actions.shape[1]:
             reset, still = self._task.reset, self._task.action.command(np.zeros(actions.shape[1]))

@@ -118,7 +118,6 @@ def html_page(source: Recorded) -> str:
 
 
 def _scene(source: Recorded) -> str:
-    """Return a page that plays an episode of the last iteration in 3D."""
     server = opened(LOCAL[0], 8080)
     try:
         recording = server.get_scene_serializer()

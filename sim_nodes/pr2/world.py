@@ -110,7 +110,6 @@ class World:
         self._measure()
 
     def _place(self, robot: Array, door: Array, base: Array) -> None:
-        """Set the angles of all joints, and the pose of the robot's base."""
         client = self.client
         client.resetBasePositionAndOrientation(
             self._robot, (base[0], base[1], 0.0), client.getQuaternionFromEuler((0.0, 0.0, base[2]))
@@ -153,7 +152,6 @@ class World:
         client.stepSimulation()
 
     def _set_latch(self, held: bool) -> None:
-        """Hold the hinge by the latch, or by friction only."""
         self._latched = held
         control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": LATCH_TORQUE}
         free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": HINGE_FRICTION}

@@ -140,7 +140,6 @@ class SimulatedRobotNode(ReportingNode):
         return is_left or now >= self._end_at
 
     def _now(self) -> float:
-        """Return the robot's time in seconds."""
         return (time.monotonic() - self._begin) * self._speed
 
     def _command(self, command: Any) -> None:

@@ -107,7 +107,6 @@ def run_page(page: Path, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def links(page: Path) -> Iterator[str]:
-    """Yield the targets of the links and pictures of a page."""
     for token in MarkdownIt().enable("table").parse(page.read_text()):
         for child in token.children or []:
             target = child.attrGet("href") or child.attrGet("src")

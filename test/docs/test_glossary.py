@@ -11,7 +11,6 @@ TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
 
 
 def terms() -> dict[str, str]:
-    """Return the terms of the glossary with their meanings."""
     _, _, *rows = re.findall(r"^\| *(.+?) *\| *(.+?) *\|$", GLOSSARY.read_text(), re.MULTILINE)
     return dict(rows)
 

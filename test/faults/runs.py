@@ -12,7 +12,6 @@ def curve(folder: Path) -> list[str]:
 
 
 def arrays(folder: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of the policy."""
     with np.load(folder / "policy.npz") as file:
         return dict(file)
 

@@ -103,7 +103,6 @@ class Bench:
         return bool(response.success)
 
     def failed(self) -> str:
-        """Return why the episode failed."""
         self.probe.until(lambda: any(each.failure for each in self.probe.heard["episodes"]))
         return str(self.probe.heard["episodes"][-1].failure)
 
@@ -130,7 +129,6 @@ class Bench:
 
     @property
     def moves(self) -> list[float]:
-        """The commands that ask for a motion."""
         return [command.values[0] for _, command in self.commands if not command.hold]
 
     @property

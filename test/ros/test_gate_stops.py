@@ -29,7 +29,6 @@ Panel, Begin = Callable[..., Publisher], Callable[..., Any]
 
 @pytest.fixture
 def panel(probe: Probe) -> Iterator[Panel]:
-    """Make nodes that may request a stop."""
     with ExitStack() as nodes:
 
         def make(name: str, topic: str = "stop", **qos: Any) -> Publisher:

@@ -29,7 +29,6 @@ class IdlePolicyNode:
 
 @pytest.fixture
 def learn(start: Callable[..., Process], parameters: Callable[..., Path], tmp_path: Path) -> Learner:
-    """Start a simulator and a learner."""
 
     def begin(timeout: float) -> Process:
         file = parameters("toy_nac", f"timeout={timeout}")

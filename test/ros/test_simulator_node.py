@@ -33,7 +33,6 @@ def request(batch: int = 9, **changes: object) -> StartEpisodes.Request:
 
 
 def seen(probe: Probe) -> dict[int, np.ndarray]:
-    """Return the observations of each step of the newest batch."""
     newest = [each for each in probe.heard["observation"] if each.batch == probe.heard["observation"][-1].batch]
     return {message.step: np.frombuffer(message.observations).reshape(2, 1) for message in newest}
 

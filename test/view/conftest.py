@@ -87,20 +87,16 @@ def shown(tab: browser.Tab, what: Callable[[np.ndarray], bool], timeout_s: float
 
 
 def near(picture: np.ndarray, colour: tuple[int, int, int], tolerance: int = 12) -> int:
-    """Return the number of pixels of a colour."""
     return int((np.abs(picture.astype(int) - colour).max(axis=2) <= tolerance).sum())
 
 
 def scene(picture: np.ndarray) -> np.ndarray:
-    """Return the part of a picture that shows the task."""
     return picture[150:, : int(TASK * picture.shape[1])]
 
 
 def policy(picture: np.ndarray) -> np.ndarray:
-    """Return the part of a picture that shows the policy plot."""
     return picture[150:, int(TASK * picture.shape[1]) : int(PANEL * picture.shape[1])]
 
 
 def panel(picture: np.ndarray) -> np.ndarray:
-    """Return the part of a picture that shows the panel."""
     return picture[:, int(PANEL * picture.shape[1]) :]

@@ -142,7 +142,6 @@ def run_export(options: argparse.Namespace) -> int:
 
 
 def _export_episodes(options: argparse.Namespace) -> int:
-    """Write the completed episodes and print their number."""
     require(options.fps is None or options.fps >= 1, "--fps", "at least 1", options.fps)
     recording = read_recording(options.source)
     head = recording.head

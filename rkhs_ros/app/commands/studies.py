@@ -99,7 +99,6 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 
 def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], Path], least: Sequence[float]) -> None:
-    """Write the tables and the picture, and print the table of medians, best point first."""
     each = {key: grid.outcome(Curve(path / "curve.csv").rows(), least) for key, path in folders.items()}
     lines = [
         {**_settings(names, point), "seed": seed, "folder": folder.name, **each[point, seed]}

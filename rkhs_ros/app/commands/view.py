@@ -111,7 +111,6 @@ def stay_with(page: subprocess.Popen[str]) -> None:
 
 
 def _newest_run(results: Path) -> Path:
-    """Return the folder of the most recently written run."""
     runs = {file.parent for file in results.glob("**/config.yaml")}
     require(bool(runs), f"{results}", "at least one run, or the argument DIR", "none")
     return max(runs, key=lambda folder: max(path.stat().st_mtime for path in folder.iterdir()))

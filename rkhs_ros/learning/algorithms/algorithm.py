@@ -173,7 +173,6 @@ class Algorithm(Settings, ABC):
 
 
 def _constant_variance(policy: GaussianPolicy) -> ConstantVariance:
-    """Return the constant variance of a policy."""
     if not isinstance(policy.variance, ConstantVariance):
         raise ValueError("variance: expected a constant variance, got one that depends on the state")
     return policy.variance

@@ -78,7 +78,6 @@ class Grid(Settings):
         return policy.with_mean(policy.mean + direction), 0.0
 
     def _centres(self, d: int) -> Array:
-        """Return the points of the grid over d inputs, shape (m, d)."""
         axes = np.reshape(self.grid, (-1, 3))
         require(d % len(axes) == 0, "algorithm.grid", f"3 numbers, or 3 for each of {d} inputs", len(self.grid))
         low, high, counts = np.tile(axes, (d // len(axes), 1)).T

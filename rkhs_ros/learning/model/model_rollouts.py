@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel, points_of
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.termination import Limits
+from rkhs_ros.learning.model.transitions import points_of
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch, stream
@@ -104,9 +105,8 @@ class ModelRunner:
         return changes.take(turns), None if rewards is None else rewards.take(turns)
 
     def _functions(self, streams: list[np.random.Generator]) -> Functions:
-        """Draw the functions of the changes and the rewards from each random stream."""
         changes, rewards = self._model.state_delta, self._model.rewards
-        return self._drawn(changes, streams), None if rewards is None else self._drawn(rewards, streams)
+        return self._drawn(changes, streams), None if rewards is None else self._drawn(rewards.posterior, streams)
 
     def step(self, draws: Draws, path: Array, inputs: Array, actions: Array) -> Episodes:
         """Advance each rollout by one step; return these steps as N episodes of one step.
@@ -172,7 +172,7 @@ class ModelRunner:
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
         else:
-            earned = np.where(beyond, self._model.reward_range[0], earned)
+            earned = np.where(beyond, self._model.least_reward, earned)
         return self._cut(observations, actions, earned, draws.limits)
 
     def _beyond(self, observations: Array) -> NDArray[np.bool_]:
@@ -182,19 +182,16 @@ class ModelRunner:
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
-        reward_fn, n = self._model.priors.reward_fn, self.spaces.action_dim
+        reward_fn, learnt = self._model.priors.reward_fn, self._model.rewards
+        actions = points[..., -self.spaces.action_dim :]
         if reward_fn is not None:
-            steps = (observations[:, :-1], points[..., -n:], observations[:, 1:])
+            steps = (observations[:, :-1], actions, observations[:, 1:])
             return reward_fn(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
-        if drawn is None:
+        if learnt is None or drawn is None:
             raise ValueError("model: expected a prior or a learnt reward, got neither")
-        if self._model.reward_depends_on_next:
-            points = np.concatenate([self._model.inputs.features(observations[:, 1:]), points[..., -n:]], axis=-1)
-        rewards = drawn.along(points)[:, :, 0]
-        least, greatest = self._model.reward_range
-        # Widen both ends: clipping noisy rewards at one end only would bias their mean where the model is uncertain.
-        margin = self._reward_margin * (greatest - least)
-        return np.clip(rewards, least - margin, greatest + margin)
+        if learnt.depends_on_next:
+            points = np.concatenate([self._model.inputs.features(observations[:, 1:]), actions], axis=-1)
+        return learnt.of(drawn.along(points)[:, :, 0], actions, self._reward_margin)
 
     def _novelty(self, points: Array) -> Array:
         """Return the model's standard deviation of the changes, relative to their spread, shape (N, H)."""
@@ -227,9 +224,9 @@ class ModelRunner:
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
         ends = each[terminated], last[terminated]
-        features = self._model.inputs.features(after[ends])
-        points = points_of(features, actions[ends], self.spaces)
-        rewards[ends] = self._model.terminal_reward.add(rewards[ends], points)
+        if self._model.rewards is not None:
+            points = points_of(self._model.inputs.features(after[ends]), actions[ends], self.spaces)
+            rewards[ends] = self._model.rewards.terminal.add(rewards[ends], points)
         going = mask[:, :, None]
         return Episodes(
             observations=np.where(going, before, 0.0),

@@ -51,7 +51,6 @@ def _checked(what: str, name: str, shape: tuple[int, ...]) -> Callable[..., Arra
 
 
 def _terminations(function: Callable[[Array], Array], name: str, observations: Array) -> Array:
-    """Return whether each observation ends an episode."""
     values = function(observations)
     if not np.isin(values, (0.0, 1.0)).all():
         raise RunError(f"model.termination_fn: {name}: values: expected 0 or 1 for each row, got other values")

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import reward_depends_on_action_only
+from rkhs_ros.learning.model.rewards import reward_depends_on_action_only
 from rkhs_ros.learning.state import first_variance
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy

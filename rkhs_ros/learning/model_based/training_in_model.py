@@ -104,7 +104,8 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         worlds=[stream(training.seed, f"world {world}", experience.iteration) for world in range(count)],
     )
     earned = _earned(experience, inputs, comparable=focused and experience.may_explore)
-    least = FINE if model.starts_vary and len(episodes) > 1 and not model.rewards_are_rare else NARROW
+    are_rare = model.rewards is not None and model.rewards.are_rare
+    least = FINE if model.starts_vary and len(episodes) > 1 and not are_rare else NARROW
     policy, metrics, expected = _optimise(settings, algorithm, start, list(earned.values()), experience, runner, least)
     explorer = exploration_policy(
         replace(policy, action_repeat=experience.action_repeat),
@@ -159,7 +160,6 @@ def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: 
 
 
 def _finer(algorithm: Algorithm) -> Algorithm:
-    """Return the algorithm with smaller ridges."""
     ridges = {each.name for each in fields(algorithm)} & {"ridge", "value_ridge"}
     return replace(algorithm, **{name: getattr(algorithm, name) / FINER for name in ridges})
 

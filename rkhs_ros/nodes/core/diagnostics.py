@@ -120,7 +120,6 @@ class Diagnostics:
         }
 
     def _rate(self) -> float:
-        """Return the steps per second since the last report."""
         now = time.monotonic()
         steps, seconds = self.steps - self._steps_reported, now - self._reported_at
         self._steps_reported, self._reported_at = self.steps, now

@@ -35,7 +35,6 @@ def observation_message(identity: int, version: int, batch: Batch, step: int, fr
 
 
 def _indices_of(flags: ArrayLike) -> array[int]:
-    """Return the indices of the environments whose flag is set."""
     return array("I", np.flatnonzero(flags).tolist())
 
 

@@ -125,7 +125,6 @@ def _bring_to_rest(node: ReportingNode, executor: EventsExecutor) -> None:
 
 
 def _tried(do: Callable[[], object]) -> object:
-    """Call a function and return its result; None if it fails."""
     try:
         return do()
     except BaseException:  # including SystemExit: nothing may end a process that still moves a robot

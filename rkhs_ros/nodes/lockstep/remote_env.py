@@ -155,7 +155,6 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         return Box(low, high, dtype=kind.type), actions
 
     def _shaped(self, result: _Result) -> Values:
-        """Return the observation with the shape and type of its space."""
         space = self.observation_space
         return result.observation.reshape(space.shape or ()).astype(space.dtype)
 
@@ -180,7 +179,6 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         self._heard = _Result(observation.copy(), reward, len(message.terminated) > 0, len(message.truncated) > 0)
 
     def _awaited(self) -> _Result:
-        """Wait for the result of the step, and return it."""
         link, begin = self._link, time.monotonic()
         try:
             while not self._peers.spin(self._has_result, IDLE_CHECK_S):

@@ -157,7 +157,6 @@ class StopTopics:
         self._changed()
 
     def _count(self, topic: str) -> StopRequests:
-        """Update the publishers of a topic and return its requests."""
         infos = self._node.get_publishers_info_by_topic(topic)
         publishers: Publishers = {bytes(info.endpoint_gid): full_name(info) for info in infos}
         self._requests[topic] = replace(self._requests[topic], publishers=publishers)

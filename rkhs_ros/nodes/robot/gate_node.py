@@ -116,7 +116,6 @@ class GateNode(ReportingNode):
         self.create_service(Trigger, "~/stop", self._stop)
 
     def _turn(self, state: Gate) -> None:
-        """Set the state, and publish it if mode, reason or counters have changed."""
         self._state, visible = state, (state.mode, state.reason, state.counts)
         if visible == self._published:
             return
@@ -143,7 +142,6 @@ class GateNode(ReportingNode):
             self._turn(gate.stopped(self._state, rivals))
 
     def _send(self, output: Setpoint | None) -> None:
-        """Send an output to the hardware, if there is one."""
         if output is not None:
             self._hardware.publish(hardware_message(self._settings, self._rules.limits, output))
 
@@ -176,7 +174,6 @@ class GateNode(ReportingNode):
         self._obstacle = truncated(message.data)
 
     def _joints_line(self) -> str:
-        """Return the state of the source of joint states in one line."""
         is_stale = stale(self._state, self._rules, time.monotonic())
         return self._source.line(self._flaw if is_stale else "") if self._source else "not needed"
 
@@ -186,7 +183,6 @@ class GateNode(ReportingNode):
         self._turn(gate.stop_requested(self._state, reason))
 
     def _rivals(self) -> str:
-        """Return an error message if another node publishes to the hardware; empty otherwise."""
         topic = self._settings.command.topic
         return f"expected no other publisher, got {listed(self, topic)}" if self.count_publishers(topic) > 1 else ""
 
@@ -201,7 +197,6 @@ class GateNode(ReportingNode):
         return response
 
     def _try_to_arm(self) -> str:
-        """Arm the gate; return why it cannot be armed, empty if it is."""
         state, reason = gate.armed(self._state, self._rules, time.monotonic())
         if reason:
             self._turn(state)

@@ -80,7 +80,6 @@ class SensorTopics:
         return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
 
     def _flaw(self, use: Use) -> str:
-        """Return the error of the newest message; empty if it is usable, or if there is none."""
         if use.topic in self._newest:
             try:
                 use.read(self._read(use.topic).message)
@@ -94,7 +93,6 @@ class SensorTopics:
 
 
 def _uses(task: RobotTask) -> Iterator[Use]:
-    """Yield the uses of a task's topics."""
     reward, home = task.reward, task.reset.home
     for name, each in task.sensors:
         yield Use(f"sensor {name}", each.topic, each.type, each.fields, each.numbers)
@@ -123,7 +121,6 @@ def check_topics(task: RobotTask) -> None:
 
 
 def _message_type(name: str) -> Any:
-    """Return the class of a message type such as ``sensor_msgs/msg/Imu``."""
     package, _, kind = name.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)

@@ -84,7 +84,6 @@ def rkhs(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
 
 
 def constant(*action: float, d: int = 1) -> GaussianPolicy:
-    """Return a policy with a nearly constant mean."""
     mean = Function(RBF((1e4,)), np.zeros((1, d)), np.array([action]))
     return GaussianPolicy(mean, ConstantVariance(np.full(len(action), 0.25)))
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.learning.model.dynamics_model import Transitions
+from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.inputs import Inputs

@@ -68,12 +68,10 @@ def small_policy(kernel: str, inputs: str, repeat: int = 1, centres: int = 6, *,
 
 
 def random_episode() -> np.ndarray:
-    """Return the observations of an episode, shape (STEPS, 2, 2)."""
     return np.random.default_rng(1).uniform(-1.5, 1.5, (STEPS, 2, 2))
 
 
 def acted(policy: Policy, observations: np.ndarray) -> np.ndarray:
-    """Return the actions of a policy in an episode, shape (STEPS, *action_shape)."""
     policy.reset()
     return np.stack([policy(observation) for observation in observations])
 

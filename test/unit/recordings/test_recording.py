@@ -35,7 +35,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def noted(texts: list[str]) -> list[Stored]:
-    """Return messages with a text each."""
     contents = [encoded(Types().Action(failure=text)) for text in texts]
     return [Stored("noted", KIND, definition(KIND), each, 10 + i, i) for i, each in enumerate(contents)]
 

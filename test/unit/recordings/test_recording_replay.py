@@ -37,7 +37,6 @@ def changed(file: Path, kind: str, place: int, change: Callable[[Any], None]) ->
 
 
 def flip(values: np.ndarray, place: int) -> None:
-    """Flip the last bit of a number."""
     values.view(np.uint64)[place] ^= 1
 
 

@@ -16,7 +16,6 @@ over_kernels = pytest.mark.parametrize("kernel", KERNELS, ids=str)
 
 
 def random_function(kernel: Kernel, seed: int, centres: int = 6, output_dim: int = 2) -> Function:
-    """Return a function of the RKHS."""
     rng = np.random.default_rng(seed)
     return Function(kernel, rng.normal(size=(centres, 2)), rng.normal(size=(centres, output_dim)))
 

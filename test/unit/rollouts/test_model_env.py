@@ -68,7 +68,7 @@ def test_an_episode_is_that_of_the_runner_with_the_same_draws(rng: np.random.Gen
 def test_an_episode_beyond_the_limits_is_that_of_the_runner(rng: np.random.Generator) -> None:
     model = model_of(rng)
     narrow = replace(model.dynamics, low=np.array([-2.0, -0.4]), high=np.array([2.0, 0.4]))
-    least = narrow.reward_range[0]
+    least = narrow.least_reward
     earned = assert_like_the_runner(LearntModel(narrow, HORIZON, 1), policy_of(rng, Inputs()))
     assert 0.1 < np.mean(np.concatenate(earned) == least) < 0.9
     assert any(least not in each for each in earned)

@@ -24,7 +24,6 @@ CONFIG = Config(Environment("rkhs/Toy-v0", {}), TRAINING)
 
 
 def silent() -> gymnasium.Env[np.ndarray, np.ndarray]:
-    """Return a task whose reward is always 0."""
     return gymnasium.wrappers.TransformReward(gymnasium.make("rkhs/Toy-v0"), lambda reward: 0.0)
 
 

@@ -48,7 +48,6 @@ def trajectory(task: PR2Door, pose: np.ndarray, action: list[float]) -> Trajecto
 
 
 def digest(done: Trajectory) -> str:
-    """Return a hash of every bit."""
     return hashlib.sha256(b"".join(getattr(done, field.name).tobytes() for field in fields(done))).hexdigest()
 
 

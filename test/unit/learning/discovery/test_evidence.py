@@ -66,7 +66,6 @@ def observing(episodes: Episodes, columns: list[int]) -> Episodes:
 
 
 def late(episodes: Episodes) -> Episodes:
-    """Return the episodes with each observation one step late."""
     before = np.concatenate([episodes.observations[:, :1], episodes.observations[:, :-1]], axis=1)
     return replace(episodes, observations=before, final_observations=episodes.observations[:, -1])
 

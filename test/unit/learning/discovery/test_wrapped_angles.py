@@ -34,7 +34,6 @@ def counted_turns(seed: int) -> Array:
 
 
 def smooth(seed: int) -> Array:
-    """Return a random walk with standard deviation 1."""
     walk = np.cumsum(np.random.default_rng(seed).standard_normal((COUNT, HORIZON + 1)), axis=1)
     return np.asarray((walk - walk.mean()) / walk.std())
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.model.dynamics_model import DynamicsModel, points_of, reward_depends_on_action_only
+from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.rewards import reward_depends_on_action_only
+from rkhs_ros.learning.model.transitions import points_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -92,7 +94,7 @@ def test_rollouts_of_a_linear_system_have_the_true_mean_and_spread(rng: np.rando
     # Adjacent noise candidates differ by a factor of 1.47, so the closest one is within a fifth.
     np.testing.assert_allclose(errors.std(axis=0) / NOISE, 1.0, atol=0.25)
     earned = rollouts.flat(rollouts.rewards)
-    np.testing.assert_allclose(earned, np.clip(reward(now, actions), *model.reward_range), atol=0.1)
+    np.testing.assert_allclose(earned, np.clip(reward(now, actions), *model.rewards.limits), atol=0.1)
 
 
 def on_a_line_through_two(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
@@ -170,7 +172,7 @@ def test_rollouts_earn_the_least_reward_once_they_reach_a_limit(rng: np.random.G
     rollouts = ModelRunner(replace(model, **range_), visited_starts=False).collect(policy, batch)
     beyond = np.cumsum((np.abs(rollouts.next_observations) >= limit).any(axis=2), axis=1) > 0
     np.testing.assert_array_equal(beyond.any(axis=1), farthest >= limit)
-    assert (rollouts.rewards[beyond] == model.reward_range[0]).all()
+    assert (rollouts.rewards[beyond] == model.least_reward).all()
     np.testing.assert_array_equal(rollouts.rewards[~beyond], free.rewards[~beyond])
 
 
@@ -224,9 +226,8 @@ def test_a_narrow_kernel_may_fit_rewards_that_most_steps_do_not_earn(threshold: 
     places = np.random.default_rng(0).uniform(-1.0, 1.0, size=(400, 1, 2))
     rewards = np.where(np.linalg.norm(places, axis=2) < threshold, 1.0, 0.0)  # 8 and 64 % of the places
     alone = Episodes.without_ends(places, np.zeros((400, 1, 1)), rewards, np.ones((400, 1), dtype=bool))
-    posterior = DynamicsModel.fit(alone, Inputs(), SPACES, 200).rewards
-    assert posterior is not None
-    assert posterior.bandwidth == pytest.approx((0.4 if is_rare else 1.0) * np.sqrt(1.5))
+    learnt = DynamicsModel.fit(alone, Inputs(), SPACES, 200).rewards
+    assert learnt.posterior.bandwidth == pytest.approx((0.4 if is_rare else 1.0) * np.sqrt(1.5))
 
 
 def test_rollouts_that_end_on_the_better_side_earn_more(rng: np.random.Generator) -> None:
@@ -275,7 +276,7 @@ def test_termination_only_truncates_a_rollout(rng: np.random.Generator) -> None:
     short = np.flatnonzero(last < HORIZON - 1)
     np.testing.assert_array_equal(ending.final_observations[short], endless.observations[short, last[short] + 1])
     difference = (endless.rewards - ending.rewards)[np.arange(50), last]
-    np.testing.assert_allclose(difference, -model.terminal_reward.mean * ending.terminated)
+    np.testing.assert_allclose(difference, -model.rewards.terminal.mean * ending.terminated)
 
 
 def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator) -> None:
@@ -311,7 +312,9 @@ def test_changes_are_functions_of_the_policy_inputs(rng: np.random.Generator) ->
     model = DynamicsModel.fit(simulated_episodes(rng, rows=30), inputs, SPACES, 40)
     still = model.state_delta.coefficients._replace(noise=np.zeros(2))
     delta = replace(model.state_delta, coefficients=still)
-    model = replace(model, state_delta=certain(delta), rewards=certain(model.rewards))
+    model = replace(
+        model, state_delta=certain(delta), rewards=replace(model.rewards, posterior=certain(model.rewards.posterior))
+    )
     policy = policy_of(rng, inputs)
     rollouts = ModelRunner(model).collect(policy, batch_of(10))
     windows = inputs.unfold(rollouts.observations, rollouts.actions)
@@ -322,8 +325,8 @@ def test_changes_are_functions_of_the_policy_inputs(rng: np.random.Generator) ->
     points = points_of(rollouts.flat(windows), actions, SPACES)
     expected = model.state_delta.mean(points)
     np.testing.assert_allclose(model.predict(now, points[:, -1:], expected), following, atol=1e-9)
-    earned = model.rewards.mean(points)[:, 0]
-    np.testing.assert_allclose(rollouts.flat(rollouts.rewards), np.clip(earned, *model.reward_range), atol=1e-9)
+    earned = model.rewards.posterior.mean(points)[:, 0]
+    np.testing.assert_allclose(rollouts.flat(rollouts.rewards), np.clip(earned, *model.rewards.limits), atol=1e-9)
 
 
 def test_rollouts_stay_on_circles(rng: np.random.Generator) -> None:
@@ -354,11 +357,11 @@ def test_rewards_of_current_and_next_observations_are_distinguished(rng: np.rand
     now, actions, following = transitions(episodes)
     rewards = reward(following if follow else now, actions).reshape(episodes.rewards.shape)
     model = DynamicsModel.fit(replace(episodes, rewards=rewards), Inputs(), SPACES, 50)
-    assert model.reward_depends_on_next is follow
+    assert model.rewards.depends_on_next is follow
     rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(50))
     now, actions, following = transitions(rollouts)
     inside = ((model.clip_to_observed(now) == now) & (model.clip_to_observed(following) == following)).all(axis=1)
-    expected = np.clip(reward(following if follow else now, actions), *model.reward_range)
+    expected = np.clip(reward(following if follow else now, actions), *model.rewards.limits)
     np.testing.assert_allclose(rollouts.flat(rollouts.rewards)[inside], expected[inside], atol=0.1)
 
 
@@ -379,10 +382,10 @@ def test_rollouts_exceed_the_observed_range_by_at_most_a_quarter(rng: np.random.
         (lambda place, push: 2.0 - np.abs(push), True),
         (lambda place, push: -(push**2) + 100.0 * (place == place.max()), False),  # which one step of 720 reached
         (lambda place, push: 0.2 * place - push**2, False),
-        (lambda place, push: push / push.std() + 0.085 * np.sign(place) * (np.abs(push) < 2.0), True),
-        (lambda place, push: push / push.std() + 0.12 * np.sign(place) * (np.abs(push) < 2.0), False),
+        (lambda place, push: push / push.std() + 0.0085 * np.sign(place), True),
+        (lambda place, push: push / push.std() + 0.012 * np.sign(place), False),
     ],
-    ids=["nothing", "square", "size", "a goal", "a slope", "a tenth of the deviation", "more"],
+    ids=["nothing", "square", "size", "a goal", "a slope", "a hundredth of the deviation", "more"],
 )
 def test_rewards_depend_on_actions_only_until_a_state_is_better(
     rng: np.random.Generator, earned: Step, alike: bool, size: float
@@ -422,12 +425,42 @@ def test_a_cost_of_one_action_is_recognised_from_eight_steps_on(
     assert reward_depends_on_action_only(episodes, Spaces((1,), -np.ones(1), np.ones(1))) == enough
 
 
+@pytest.mark.parametrize(("share", "is_fitted"), [(0.6, True), (0.8, False)])
+def test_a_cost_of_the_actions_that_explains_most_rewards_is_fitted_first(
+    rng: np.random.Generator, share: float, is_fitted: bool
+) -> None:
+    episodes = simulated_episodes(rng)
+    place, push = episodes.observations[..., 0], np.clip(episodes.actions[..., 0], -1.0, 1.0)
+    of_place, cost = np.sign(place), push**2 + np.abs(push) - push
+    earned = share * of_place / of_place.std() - np.sqrt(1.0 - share**2) * cost / cost.std()
+    learnt = DynamicsModel.fit(replace(episodes, rewards=earned), Inputs(), SPACES, 60).rewards
+    assert (learnt.cost is not None) == is_fitted
+
+
+def test_a_cost_of_the_actions_does_not_hide_what_states_earn(rng: np.random.Generator) -> None:
+    def earned(place: np.ndarray, push: np.ndarray) -> np.ndarray:
+        return 0.02 * np.cos(2.0 * place) - 2.0 * np.clip(push, -1.0, 1.0) ** 2
+
+    episodes = simulated_episodes(rng)
+    real = replace(episodes, rewards=earned(episodes.observations[..., 0], episodes.actions[..., 0]))
+    model = DynamicsModel.fit(real, Inputs(), SPACES, 60)
+    assert np.ptp(model.rewards.limits) == pytest.approx(0.04, abs=0.005)
+    rollouts = ModelRunner(model, visited_starts=False).collect(policy_of(rng), batch_of(50))
+    now, actions, _ = transitions(rollouts)
+    inside = (model.clip_to_observed(now) == now).all(axis=1)
+    errors = rollouts.flat(rollouts.rewards) - earned(now[:, 0], actions[:, 0])
+    np.testing.assert_allclose(errors[inside], 0.0, atol=0.004)
+
+
 def test_rewards_may_lie_outside_the_observed_range_by_the_margin(rng: np.random.Generator) -> None:
     episodes = simulated_episodes(rng)
     least, greatest = np.quantile(episodes.rewards, [0.3, 0.6])
-    model = replace(DynamicsModel.fit(episodes, Inputs(), SPACES, 60), reward_range=(least, greatest))
+    model = DynamicsModel.fit(episodes, Inputs(), SPACES, 60)
+    model = replace(model, rewards=replace(model.rewards, limits=(least, greatest)))
     policy, batch = policy_of(rng), batch_of(50)
-    free = ModelRunner(replace(model, reward_range=(-1e9, 1e9))).collect(policy, batch).rewards
+    free = (
+        ModelRunner(replace(model, rewards=replace(model.rewards, limits=(-1e9, 1e9)))).collect(policy, batch).rewards
+    )
     low, high = least - 0.3 * (greatest - least), greatest + 0.3 * (greatest - least)
     assert free.min() < low
     assert free.max() > high

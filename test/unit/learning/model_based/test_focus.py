@@ -45,7 +45,6 @@ def of_observations(observations: Array, actions: Array) -> Episodes:
 
 
 def fitted(episodes: Episodes, inputs: Inputs | None = None) -> DynamicsModel:
-    """Return the model of episodes with actions in [-1, 1]."""
     spaces = Spaces(episodes.observations.shape[2:], -np.ones(1), np.ones(1))
     return DynamicsModel.fit(episodes, inputs or Inputs(), spaces, 20)
 

@@ -115,7 +115,6 @@ def test_informative_rewards_from_the_start_cause_no_optimism(monkeypatch: pytes
 
 
 def constant(action: float) -> GaussianPolicy:
-    """Return a policy whose actions are all about ``action``."""
     mean = Function(RBF((1e4,)), np.zeros((1, 3)), np.array([[action]]))
     return GaussianPolicy(mean, ConstantVariance(np.full(1, 1e-12)), Inputs(angles=(0.0,)))
 

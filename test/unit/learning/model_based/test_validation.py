@@ -46,7 +46,6 @@ TRAINING = model_free(
 
 
 def constant(action: float, dimension: int = 2) -> GaussianPolicy:
-    """Return a policy whose mean is nearly the same action everywhere."""
     mean = Function(RBF((1e4,)), np.zeros((1, dimension)), np.array([[action]]))
     return GaussianPolicy(mean, ConstantVariance(np.ones(1)))
 
