@@ -78,7 +78,6 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
 
 
 def _gap(summary: Summary) -> float:
-    """Return the difference of the two returns relative to the larger one."""
     model, real = summary.model_return, summary.evaluation_return
     return (model - real) / max(abs(model), abs(real)) if model != real else 0.0
 

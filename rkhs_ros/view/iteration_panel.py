@@ -177,7 +177,6 @@ class IterationPanel:
             self._played_at = now
 
     def _seconds_of_frame(self, motion: BodyTrajectories) -> float:
-        """Return for how long the animation shows each frame."""
         return max(min(float(motion.times[-1]), LONGEST_PLAY_S) / max(self._frames - 1, 1), 1e-3)
 
     def _step_text(self, episode: Episodes, step: int, steps: int) -> str:

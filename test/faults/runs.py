@@ -6,7 +6,6 @@ import numpy as np
 
 
 def curve(folder: Path) -> list[str]:
-    """Return the lines of the curve, without the seconds."""
     file = folder / "curve.csv"
     return [line.rpartition(",")[0] for line in file.read_text().splitlines()] if file.exists() else []
 

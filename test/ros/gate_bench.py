@@ -101,7 +101,6 @@ class Robot:
         return self.states[-1]
 
     def moved_last(self) -> int:
-        """Return the number of the last output that differs from the one before."""
         return max(later.number for earlier, later in pairwise(self.sent) if earlier.message != later.message)
 
     def close(self) -> None:

@@ -157,5 +157,4 @@ class Bench:
 
 
 def drawn(step: int) -> float:
-    """Return the action of a step; the last one is beyond its bound."""
     return 0.3 * (step + 1)

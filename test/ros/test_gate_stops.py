@@ -40,7 +40,6 @@ def panel(probe: Probe) -> Iterator[Panel]:
 
 
 def met(robot: Robot, panel: Publisher, subscriptions: int) -> None:
-    """Wait until the gate listens through all subscriptions that match."""
     robot.probe.until(lambda: panel.get_subscription_count() == subscriptions)
 
 

@@ -46,7 +46,6 @@ class Operator:
 
     @property
     def violations(self) -> dict[str, int]:
-        """Those that there were, by kind."""
         counts = {kind: int(self.state.get(kind, "0")) for kind in {*motor_pendulum.KINDS, *drives.KINDS}}
         return {kind: count for kind, count in counts.items() if count}
 

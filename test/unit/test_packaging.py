@@ -106,7 +106,6 @@ def test_the_packages_asked_for_are_those_pinned_and_named_to_rosdep() -> None:
 
 
 def named(*kinds: str) -> set[str]:
-    """Return the keys of rosdep in the manifest."""
     manifest = ET.parse(ROOT / "package.xml")
     return {depend.text or "" for kind in kinds for depend in manifest.iter(kind)}
 

@@ -121,6 +121,12 @@ class DynamicsModel:
         """
         return self.possible(self.coordinates.add(_apply_prior(self.priors, observations, actions), changes))
 
+    def least_rewards(self, actions: Array) -> Array:
+        """Return the least observed rewards, but for a cost of clipped actions of shape (..., m): shape (...)."""
+        if self.rewards is None:
+            return np.full(actions.shape[:-1], self.least_reward)
+        return self.rewards.of(np.full(actions.shape[:-1], -np.inf), actions, margin=0.0)
+
     def draw_start(self, random: np.random.Generator) -> Array:
         """Draw an initial observation, shape (d,); if they vary, on the line through two recorded ones."""
         one, other = self.starts[random.integers(len(self.starts), size=(2, 1))]
@@ -192,7 +198,6 @@ def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
 
 
 def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
-    """Return the changes of the observations without the prior part, shape (n, d)."""
     return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
 
 

@@ -97,7 +97,6 @@ class ModelRunner:
         return Draws(changes, rewards, noise, limits)
 
     def _shared(self, batch: Batch) -> Functions | None:
-        """Return the functions of the episodes' worlds, which take turns; None if each episode draws its own."""
         if self._worlds is None:
             return None
         changes, rewards = self._worlds
@@ -172,7 +171,7 @@ class ModelRunner:
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
         else:
-            earned = np.where(beyond, self._model.least_reward, earned)
+            earned = np.where(beyond, self._model.least_rewards(points[..., -self.spaces.action_dim :]), earned)
         return self._cut(observations, actions, earned, draws.limits)
 
     def _beyond(self, observations: Array) -> NDArray[np.bool_]:

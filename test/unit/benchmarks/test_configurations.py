@@ -12,7 +12,6 @@ CHOSEN_ON = range(100)  # seeds that may have been used to choose settings
 
 
 def text_of(page: str) -> str:
-    """Return the text of a page in one line."""
     return " ".join((ROOT / page).read_text().split())
 
 

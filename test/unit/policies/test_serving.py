@@ -29,7 +29,6 @@ def policy(seed: int, history: int = 1) -> GaussianPolicy:
 
 
 def shown(batch: Batch, number: int, step: int, columns: int = COLUMNS) -> np.ndarray:
-    """Return the observations of a step, the same each time."""
     return np.random.default_rng([number, step]).normal(size=(batch.num_envs, columns))
 
 

@@ -109,7 +109,6 @@ def test_a_truncated_file_is_read_up_to_the_last_complete_record(
 
 
 def loaded(path: Path) -> None:
-    """Read a recording like the page of a run."""
     source = Recorded(path)
     for iteration in source.iterations:
         source.load(iteration)

@@ -24,7 +24,6 @@ def points_of(rng: np.random.Generator, n: int = N) -> np.ndarray:
 
 
 def targets_of(rng: np.random.Generator, x: np.ndarray, columns: int = 1) -> np.ndarray:
-    """Return noisy values of two different non-linear functions."""
     clean = np.sin(np.arange(1, columns + 1) * x[:, :1]) + 2.0 * (x[:, 1:2] - 5.0) ** 2 + 0.1 * x[:, 2:3]
     return 100.0 + clean + 0.3 * rng.normal(size=clean.shape)
 

@@ -159,7 +159,6 @@ class World:
         self.state = stop_requested(self.state, "a stop is requested" if is_requested else "")
 
     def moves(self) -> bool:
-        """Whether the last two outputs differ."""
         return len(self.outputs) > 1 and not np.array_equal(self.outputs[-1], self.outputs[-2])
 
     def _obey(self, seconds: float) -> None:

@@ -37,7 +37,6 @@ def task() -> Iterator[PR2Door]:
 
 @pytest.fixture
 def angles(rng: np.random.Generator) -> np.ndarray:
-    """Angles of the arm within its limits, shape (20, 7)."""
     return rng.uniform(np.maximum(CHAIN.lower, -3.0), np.minimum(CHAIN.upper, 3.0), (20, 7))
 
 

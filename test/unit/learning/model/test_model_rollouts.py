@@ -182,6 +182,19 @@ def certain(posterior: Posterior) -> Posterior:
     return replace(posterior, coefficients=posterior.coefficients._replace(sd=zero, signal=zero[0]))
 
 
+def test_at_a_limit_the_actions_still_cost_what_they_cost(rng: np.random.Generator) -> None:
+    episodes = simulated_episodes(rng, rows=20)
+    push = np.clip(episodes.actions[..., 0], -1.0, 1.0)
+    model = DynamicsModel.fit(
+        replace(episodes, rewards=0.01 * episodes.observations[..., 0] - push**2), Inputs(), SPACES, 40
+    )
+    model = replace(model, low=np.full(2, -0.01), high=np.full(2, 0.01), starts=np.zeros((1, 2)), starts_vary=False)
+    rollouts = ModelRunner(model, visited_starts=False).collect(policy_of(rng), batch_of(20))
+    others = rollouts.rewards[:, 1:] + np.clip(rollouts.actions[:, 1:, 0], -1.0, 1.0) ** 2
+    least = 0.01 * episodes.observations[..., 0].min()
+    assert np.median(others) == pytest.approx(least, abs=1e-3)
+
+
 def test_the_functions_of_rollouts_spread_around_the_mean(rng: np.random.Generator) -> None:
     model = DynamicsModel.fit(simulated_episodes(rng, rows=2), Inputs(), SPACES, 20)
     quiet = replace(model.state_delta, coefficients=model.state_delta.coefficients._replace(noise=np.zeros(2)))
