@@ -94,6 +94,7 @@ def _is_done(folder: Path, config: Config, drawn: bool) -> bool:
 
 
 def _make(folder: Path, config: Config, drawn: bool, tensorboard: bool) -> tuple[Path, str | None]:
+    """Start or resume a run; return its folder and its error, which is None if the run succeeded."""
     try:
         if not is_started(folder):
             folder.mkdir(parents=True, exist_ok=True)

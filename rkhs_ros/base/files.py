@@ -77,6 +77,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _is_taken(file: IO[bytes]) -> bool:
+    """Try to take a lock, and return whether that succeeded; if not, wait for a moment."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -78,6 +78,7 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
 
 
 def _gap(summary: Summary) -> float:
+    """Return the difference of the two returns relative to the larger one."""
     model, real = summary.model_return, summary.evaluation_return
     return (model - real) / max(abs(model), abs(real)) if model != real else 0.0
 
@@ -103,10 +104,7 @@ def predicts_badly(recent: Sequence[Summary]) -> bool:
 SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
     (
         has_constant_reward,
-        Advice(
-            "the reward has not changed so far",
-            "a reward that rises towards the goal, or a larger horizon",
-        ),
+        Advice("the reward has not changed so far", "a reward that rises towards the goal, or a larger horizon"),
     ),
     (
         saturates,
@@ -180,6 +178,7 @@ def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
 
 
 def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
+    """Return the share of the actions of an evaluation that are at or beyond a bound."""
     actions = evaluation.flat(evaluation.actions)
     low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
     return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else 0.0

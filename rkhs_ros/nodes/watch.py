@@ -56,6 +56,7 @@ Statuses = dict[str, DiagnosticStatus]
 
 
 def _joined(name: str, domain: int | None) -> Node:
+    """Return a node in a ROS domain, that of ROS_DOMAIN_ID if it is None, with a context of its own."""
     context = Context()
     with using_udp():  # like the nodes of a run
         rclpy.init(args=[], context=context, domain_id=domain)

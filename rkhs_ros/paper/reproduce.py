@@ -92,6 +92,7 @@ def styles_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
 
 
 def _draw(axes: Axes, runs: list[list[Row]], band: str, name: str, shown: tuple[str, str, str], against: str) -> None:
+    """Draw the mean of the runs, and the band around it, clipped to the range of the runs."""
     style, colour, _ = shown
     earned = np.array([[row.evaluation_return for row in rows] for rows in runs])
     x = [row.iteration if against == "iteration" else row.episodes for row in runs[0]]

@@ -105,6 +105,7 @@ def scene_of(task: Task) -> ShowsBodies | None:
 
 
 def _attribute(task: Task, name: str) -> Any:
+    """Return an attribute of the task's entry point; None if it has none, or the task is not installed."""
     with suppress(Exception):  # user code that a picture can do without
         return getattr(_maker_with(task, name), name)
     return None

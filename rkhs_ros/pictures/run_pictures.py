@@ -14,16 +14,7 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.pictures.known import names_of, references, success_reward
 from rkhs_ros.pictures.policy_figure import draw_attempts, policy_figure
-from rkhs_ros.pictures.style import (
-    COLOURS,
-    draw_references,
-    label,
-    legend_above,
-    looks,
-    sheet,
-    whole_ticks,
-    write,
-)
+from rkhs_ros.pictures.style import COLOURS, draw_references, label, legend_above, looks, sheet, whole_ticks, write
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
@@ -55,6 +46,7 @@ def draw_run(folder: Path) -> list[Path]:
 
 
 def _policy_figure(folder: Path, policy: GaussianPolicy, task: Task, spaces: Spaces | None) -> Figure:
+    """Return the figure of a policy; for one-step tasks, the figure of the attempts."""
     recording = read_recording(folder)
     with faults_named(folder / FILE):
         episodes = recording.last_episodes()

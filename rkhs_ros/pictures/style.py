@@ -86,6 +86,7 @@ def colour_bar(axes: Axes, image: ScalarMappable, name: str) -> None:
 
 
 def _size(axes: Axes) -> tuple[float, float]:
+    """Return the approximate width and height of a plot in inches, before its texts are laid out."""
     figure: Any = axes.figure
     place = axes.get_subplotspec()
     width, height = figure.get_size_inches()

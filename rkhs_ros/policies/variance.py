@@ -181,6 +181,7 @@ def variance_from(kernel: Kernel | None, parts: Mapping[str, Array]) -> Variance
 
 
 def _set_bounds(variance: KernelVariance | FunctionVariance, n: int) -> None:
+    """Check the bounds of a variance and store them as arrays."""
     for bound in ("minimum", "maximum"):
         array = finite_array(getattr(variance, bound), (n,), f"variance {bound}")
         object.__setattr__(variance, bound, _positive(array, f"variance {bound}"))

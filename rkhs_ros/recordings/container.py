@@ -89,6 +89,7 @@ class MessageFile:
                 os.fsync(self._file.fileno())
 
     def _send(self) -> None:
+        """Write all pending bytes to the file, or none."""
         content = self._outgoing.content
         with named(self.path):
             try:

@@ -86,6 +86,7 @@ def export(
 
 
 def _rate(batches: Sequence[RecordedBatch]) -> int:
+    """Return the steps per second from the time stamps of a robot."""
     if not all(each.executions for each in batches):
         raise ValueError("--fps: expected the steps per second, which simulations do not record, got none")
     steps = [np.diff(execution.stamps) for each in batches for execution in each.executions]
@@ -175,6 +176,7 @@ def _table(columns: Mapping[str, Any]) -> pyarrow.Table:
 
 
 def _arrow(values: Any) -> pyarrow.Array:
+    """Return a column of numbers, or of lists of equal length if the array has several columns."""
     import pyarrow
 
     if not isinstance(values, np.ndarray) or values.ndim == 1:
@@ -185,6 +187,7 @@ def _arrow(values: Any) -> pyarrow.Array:
 
 
 def _tasks(task: str) -> pyarrow.Table:
+    """Return the table of task numbers by name, with the metadata that pandas needs for its index."""
     names = ("name", "field_name", "pandas_type", "numpy_type", "metadata")
     values = ("task_index", "task_index", "int64", "int64", None), (None, INDEX, "unicode", "object", None)
     about = [dict(zip(names, each, strict=True)) for each in values]

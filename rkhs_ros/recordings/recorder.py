@@ -21,13 +21,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, Stored
 from rkhs_ros.recordings.definitions import PACKAGE, Types, decoded, definition, encoded
 from rkhs_ros.recordings.messages import episodes_message
-from rkhs_ros.recordings.recording import (
-    Head,
-    Recording,
-    faults_named,
-    intact_messages,
-    recording_of,
-)
+from rkhs_ros.recordings.recording import Head, Recording, faults_named, intact_messages, recording_of
 
 TYPES = Types()
 ARRAYS = [f.name for f in fields(Episodes)]

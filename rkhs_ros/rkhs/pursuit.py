@@ -49,13 +49,7 @@ class Pursuit:
 
 
 def pursue(
-    kernel: Kernel,
-    points: Array,
-    targets: Array,
-    candidates: Array,
-    *,
-    budget: int,
-    ridge: float = 0.0,
+    kernel: Kernel, points: Array, targets: Array, candidates: Array, *, budget: int, ridge: float = 0.0
 ) -> Pursuit:
     """Fit values at points by at most ``budget`` kernel functions of the candidates.
 
@@ -221,11 +215,6 @@ def sparsify(function: Function, points: Array, *, budget: int) -> Pursuit:
         budget: maximum number of centres.
     """
     fit = pursue(
-        function.kernel,
-        points,
-        function.unbiased(points),
-        function.centres,
-        budget=budget,
-        ridge=SPARSIFICATION_RIDGE,
+        function.kernel, points, function.unbiased(points), function.centres, budget=budget, ridge=SPARSIFICATION_RIDGE
     )
     return replace(fit, function=replace(fit.function, bias=function.bias))

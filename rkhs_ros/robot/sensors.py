@@ -120,6 +120,7 @@ def paths_of(field: str) -> list[Path]:
 
 
 def _end_of(path: Path) -> str:
+    """Return the last two parts of a path as text."""
     text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
     return ".".join(text[1:].split(".")[-2:])
 

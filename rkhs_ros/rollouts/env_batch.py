@@ -226,6 +226,7 @@ def _real(observation: Any, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _flag(value: Any, name: str) -> bool:
+    """Return a flag of a step; raise RunError unless it is true or false."""
     array = np.asarray(value)
     if array.size != 1 or array.dtype.kind not in FLAG_KINDS:
         raise RunError(f"expected {name} to be True or False, got {truncated(repr(value))}")

@@ -69,6 +69,7 @@ class Evaluation:
 
 
 def _measured(returns: Array) -> dict[str, object]:
+    """Return mean, standard deviation, and Student's t interval of the mean, which is None for one episode."""
     from scipy import stats  # here, since the import takes a second
 
     mean, interval = float(returns.mean()), None

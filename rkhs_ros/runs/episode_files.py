@@ -63,6 +63,7 @@ def _episodes(arrays: Arrays) -> Episodes:
 
 
 def _flags(values: np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
+    """Return Boolean values, which may be stored as 0 and 1."""
     require(values.shape == shape, what, f"the shape {shape}", values.shape)
     good = values.dtype.kind in REAL_KINDS and bool(np.isin(values, (0, 1)).all())
     require(good, what, "Boolean values", values)

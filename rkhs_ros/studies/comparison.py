@@ -135,6 +135,7 @@ def _is_run(folder: Path) -> bool:
 
 
 def _grouped(runs: list[Run]) -> list[list[Run]]:
+    """Return the runs grouped by their settings and initial policies."""
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
         settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}

@@ -97,6 +97,7 @@ class UrdfBodies:
 
 
 def _moved(joint: Joint, position: Array) -> Array:
+    """Return the transforms of a joint at some positions, shape (k, 4, 4)."""
     along = position[:, None] * joint.axis
     turn, shift = along * (joint.kind in ("revolute", "continuous")), along * (joint.kind == "prismatic")
     return np.asarray(SE3.from_rotation_and_translation(SO3.exp(turn), shift).as_matrix(), dtype=np.float64)
@@ -147,6 +148,7 @@ def _colour(visual: Element, paints: Mapping[str, str]) -> str:
 
 
 def _frame(element: Element) -> Array:
+    """Return the frame at the origin element of a joint or a visual, shape (4, 4)."""
     place, angles = (_numbers(_value(element, "origin", name, "0 0 0")) for name in ("xyz", "rpy"))
     frame = SE3.from_rotation_and_translation(SO3.from_rpy_radians(*angles), place)
     return np.asarray(frame.as_matrix(), dtype=np.float64)

@@ -153,6 +153,7 @@ class Page:
         self._server.flush()
 
     def _draw_curve(self) -> None:
+        """Draw the learning curve, and the evaluation returns of other runs, if a curve changed."""
         lengths = [len(each.rows) for each in (self._source, *self._others.values())]
         if lengths == self._drawn or not self._source.rows:
             return

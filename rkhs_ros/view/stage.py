@@ -124,6 +124,7 @@ class Stage:
                 self._mark.position = self._middle + across * self._right + up * self._up + lift
 
     def _in_space(self, place: Array, depth: float) -> Array:
+        """Return the 3D point at a position (right, up) in the view plane and a depth towards the viewer."""
         return np.asarray(place[0] * self._right + place[1] * self._up + depth * self._eye)
 
     def _aim_cameras(self, target: Array, whole: Array) -> None:

@@ -68,6 +68,7 @@ class Timeline:
 
 
 def _draw_bars(axes: Any, values: Array, colour: str) -> None:
+    """Draw bars from zero; a long episode is split into parts, whose extremes are drawn."""
     parts = np.array_split(values, min(len(values), MOST_BARS))
     heights = np.array([part[np.argmax(np.abs(part))] for part in parts])
     edges = np.linspace(0.0, len(values), len(parts) + 1)

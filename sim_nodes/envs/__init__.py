@@ -43,6 +43,5 @@ register(  # by name, because it needs PyBullet, which is optional
 )
 
 register(  # by name, because it needs ROS 2: a running simulator or robot node
-    id="rkhs/Remote-v0",
-    entry_point="rkhs_ros.nodes.lockstep.remote_env:RemoteEnv",
+    id="rkhs/Remote-v0", entry_point="rkhs_ros.nodes.lockstep.remote_env:RemoteEnv"
 )

@@ -113,6 +113,7 @@ class Camera:
         return np.asarray(fine.mean(axis=(1, 3)).round().astype(np.uint8))
 
     def _seen(self, points: Array) -> Array:
+        """Return the columns and rows of the rays through points of shape (k, 3)."""
         across, up, towards = ((points - self.place) @ self.axes.T).T
         width, height = self._rays
         scale = height / 2 / TANGENT / np.maximum(-towards, 1e-6)

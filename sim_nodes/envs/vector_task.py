@@ -160,6 +160,7 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         return rewards
 
     def _starts(self, which: Flags) -> Array:
+        """Return initial states of the given environments, from their own streams."""
         streams = [stream for stream, used in zip(self._streams, which, strict=True) if used]
         return self.initial_states(np.stack([stream.standard_normal(self.start_noise_dim) for stream in streams]))
 

@@ -172,6 +172,7 @@ class PR2Door(VectorTask):
         return tuple(self._pictures(*each, every) for each in zip(self._states, moves, strict=True))
 
     def _pictures(self, pose: Array, trajectory: Trajectory | None, which: slice) -> list[Pixels]:
+        """Return the pictures of some moments of a motion; one of the start if there is none."""
         motion, camera, bodies = (
             self._trajectories(pose, trajectory),
             Camera(self.view_direction, FRAMED),
@@ -181,6 +182,7 @@ class PR2Door(VectorTask):
         return [camera.picture(bodies, *moment) for moment in moments]
 
     def _trajectories(self, pose: Array, trajectory: Trajectory | None) -> BodyTrajectories:
+        """Return the trajectories of all boxes in a motion; those at the start if there is none."""
         if trajectory is None:
             start = demonstration()
             positions, turned = knots(Motion(start.arm[:1], start.openings[:1])), np.zeros((1, 2))

@@ -182,4 +182,5 @@ def adapted(original: Demonstration, action: Array) -> Motion | None:
 
 
 def _rotation_error(rotation: Array, wanted: Array) -> Array:
+    """Return half the sum of the cross products of the axes, an approximation of the rotation vector."""
     return np.asarray(0.5 * np.cross(rotation, wanted, axis=1).sum(axis=2))

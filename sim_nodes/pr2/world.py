@@ -152,6 +152,7 @@ class World:
         client.stepSimulation()
 
     def _set_latch(self, held: bool) -> None:
+        """Hold the hinge by the latch, or by friction only."""
         self._latched = held
         control = {"controlMode": pybullet.POSITION_CONTROL, "targetPosition": 0.0, "force": LATCH_TORQUE}
         free = {"controlMode": pybullet.VELOCITY_CONTROL, "targetVelocity": 0.0, "force": HINGE_FRICTION}

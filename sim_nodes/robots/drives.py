@@ -157,4 +157,5 @@ class Drives:
 
 
 def _exceed(values: Array, limits: Array) -> NDArray[np.bool_]:
+    """Return whether magnitudes exceed limits by more than rounding, elementwise."""
     return np.asarray(np.abs(values) > limits * (1.0 + TOLERANCE))

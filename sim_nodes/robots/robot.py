@@ -211,6 +211,7 @@ class Hardware:
 
     @property
     def _next_sample(self) -> float:
+        """Time of the next sample, which is taken at the end of the first step at or after it, seconds."""
         return (self._readings + 1) / self._settings.sensor_rate
 
     def _simulate(self, until: float) -> None:

@@ -91,6 +91,7 @@ class Process:
 
 
 def nodes_of(run: Process, name: str) -> list[int]:
+    """Return the process numbers of a run's nodes of that name."""
     return [child for child in children_of(run.popen.pid) if f".{name}_node" in of_process(child, "cmdline")]
 
 

@@ -157,4 +157,5 @@ class Bench:
 
 
 def drawn(step: int) -> float:
+    """Return the action of a step; the last one is beyond its bound."""
     return 0.3 * (step + 1)

@@ -52,6 +52,7 @@ def stop_playing(tab: Tab) -> None:
 
 
 def slide(tab: Tab, number: int, key: str) -> None:
+    """Move a slider to one of its ends: Home or End."""
     tab.press(f"{each('[role=slider]')}[{number}]", key)
 
 

@@ -198,6 +198,7 @@ def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
 
 
 def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
+    """Return the changes of the observations without the prior part, shape (n, d)."""
     return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
 
 
@@ -220,6 +221,7 @@ def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Limits | P
 
 
 def _bounds(steps: Transitions, coordinates: StateCoordinates) -> dict[str, Array]:
+    """Return the range of the observations, infinite for periodic columns."""
     observed = np.concatenate([steps.observations, steps.next_observations])
     low, high = observed.min(axis=0), observed.max(axis=0)
     low[coordinates.periodic], high[coordinates.periodic] = -np.inf, np.inf

@@ -97,6 +97,7 @@ class ModelRunner:
         return Draws(changes, rewards, noise, limits)
 
     def _shared(self, batch: Batch) -> Functions | None:
+        """Return the functions of the episodes' worlds, which take turns; None if each episode draws its own."""
         if self._worlds is None:
             return None
         changes, rewards = self._worlds

@@ -95,4 +95,5 @@ def _angle(points: Array, i: int, j: int) -> Array:
 
 
 def _short(angles: Array, turns: Array) -> Array:
+    """Return angles, shape (n, k), wrapped to [-1/2, 1/2) of a full turn."""
     return np.asarray(np.remainder(angles + 0.5 * turns, turns) - 0.5 * turns)

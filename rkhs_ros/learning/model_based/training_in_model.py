@@ -246,13 +246,7 @@ def _error_of_previous_model(settings: ModelBased, inputs: Inputs, experience: R
         return float("nan")
     before, newest = (experience.episodes.take(part) for part in (slice(old), slice(old, None)))
     return prediction_error(
-        before,
-        newest,
-        inputs,
-        experience.spaces,
-        settings.centres,
-        priors,
-        centred=settings.tries_centred_metric,
+        before, newest, inputs, experience.spaces, settings.centres, priors, centred=settings.tries_centred_metric
     )
 
 

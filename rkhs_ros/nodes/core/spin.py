@@ -23,15 +23,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from rkhs_ros.base.endings import (
-    INTERRUPTED,
-    RESUMABLE,
-    RunError,
-    SilentError,
-    Stop,
-    StoppedError,
-    print_error,
-)
+from rkhs_ros.base.endings import INTERRUPTED, RESUMABLE, RunError, SilentError, Stop, StoppedError, print_error
 from rkhs_ros.base.processes import one_thread, search_here
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.parameters import check_arguments
@@ -125,6 +117,7 @@ def _bring_to_rest(node: ReportingNode, executor: EventsExecutor) -> None:
 
 
 def _tried(do: Callable[[], object]) -> object:
+    """Call a function and return its result; None if it fails."""
     try:
         return do()
     except BaseException:  # including SystemExit: nothing may end a process that still moves a robot

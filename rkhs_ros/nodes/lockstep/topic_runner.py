@@ -82,6 +82,7 @@ class TopicRunner:
         return Episodes.concatenate(done[part] for part in sorted(done, key=lambda part: part.first_episode))
 
     def _serve(self, policy: GaussianPolicy) -> None:
+        """Send a policy to the policy node, unless the node serves it already."""
         if policy is not self._policy:
             version = fresh_number()
             request = SetPolicy.Request(policy=policy_message(msg, policy, version))

@@ -116,6 +116,7 @@ class GateNode(ReportingNode):
         self.create_service(Trigger, "~/stop", self._stop)
 
     def _turn(self, state: Gate) -> None:
+        """Set the state, and publish it if mode, reason or counters have changed."""
         self._state, visible = state, (state.mode, state.reason, state.counts)
         if visible == self._published:
             return
@@ -142,6 +143,7 @@ class GateNode(ReportingNode):
             self._turn(gate.stopped(self._state, rivals))
 
     def _send(self, output: Setpoint | None) -> None:
+        """Send an output to the hardware, if there is one."""
         if output is not None:
             self._hardware.publish(hardware_message(self._settings, self._rules.limits, output))
 
@@ -183,6 +185,7 @@ class GateNode(ReportingNode):
         self._turn(gate.stop_requested(self._state, reason))
 
     def _rivals(self) -> str:
+        """Return an error message if another node publishes to the hardware; empty otherwise."""
         topic = self._settings.command.topic
         return f"expected no other publisher, got {listed(self, topic)}" if self.count_publishers(topic) > 1 else ""
 
@@ -197,6 +200,7 @@ class GateNode(ReportingNode):
         return response
 
     def _try_to_arm(self) -> str:
+        """Arm the gate; return why it cannot be armed, empty if it is."""
         state, reason = gate.armed(self._state, self._rules, time.monotonic())
         if reason:
             self._turn(state)

@@ -229,6 +229,7 @@ class EpisodeDriver:
         return Reading(self._task.sensors.observation(self.sensors.heard(), time.monotonic()), 0.0, time.time_ns())
 
     def _sense(self) -> Reading:
+        """Return a reading of the sensors and of the reward topic."""
         reading, reward = self._observe(), self._task.reward
         if not reward.topic:  # reading all messages again takes time
             return reading
@@ -240,6 +241,7 @@ class EpisodeDriver:
         return home.joints_in(fresh(self.sensors.heard(), home.topic, time.monotonic(), self._task.stale_after))
 
     def _finish(self, episode: RobotEpisode) -> None:
+        """Command the robot to hold, and report the end of the episode."""
         self._gate.hold()
         self.episode = self._reset = None
         self._is_shown, self.waiting, self._fault = False, "", ""

@@ -124,6 +124,7 @@ class RobotNode(ReportingNode):
         return response
 
     def _take(self, request: StartEpisodes.Request, batch: Batch) -> None:
+        """Start an episode in place of the current one."""
         self._release()
         self._motion.discard("another episode was requested")
         self._request, self._failure, self.diagnostics.stuck = request, "", ""
@@ -153,6 +154,7 @@ class RobotNode(ReportingNode):
             self._publish(finished, vetoable=True)
 
     def _release(self) -> None:
+        """Publish an episode that may no longer be vetoed."""
         if self._held is not None:
             held, self._held = self._held, None
             self._publish(held)

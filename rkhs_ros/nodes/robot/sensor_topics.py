@@ -80,6 +80,7 @@ class SensorTopics:
         return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
 
     def _flaw(self, use: Use) -> str:
+        """Return the error of the newest message; empty if it is usable, or if there is none."""
         if use.topic in self._newest:
             try:
                 use.read(self._read(use.topic).message)

@@ -151,6 +151,7 @@ class TunedNode(ClientNode):
         return before
 
     def _set(self, values: Values) -> str:
+        """Set the parameters; return why the node rejects them, or an empty text."""
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
         result = self._call("set_parameters_atomically", parameters=messages).result
         return "" if result.successful else (result.reason or "without a reason")

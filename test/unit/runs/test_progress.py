@@ -23,6 +23,7 @@ COLUMNS = 80
 
 
 def lines_on_terminal(text: str) -> list[str]:
+    """Return the lines that a terminal shows: without escapes, with carriage returns applied."""
     plain = "".join(part[part.find("m") + 1 :] if k else part for k, part in enumerate(text.split("\x1b[")))
     return [line.rpartition("\r")[2] for line in plain.replace("\r\n", "\n").splitlines()]
 

@@ -20,6 +20,7 @@ def drawn(limits: Limits | Posterior | None, count: int = 200) -> Array:
 
 
 def is_beyond(limits: Array, points: Array) -> Array:
+    """Return whether points, shape (n, q), are beyond the limits of a draw, shape (2, q)."""
     return np.asarray(((points < limits[0]) | (points > limits[1])).any(axis=1))
 
 

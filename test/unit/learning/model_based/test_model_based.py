@@ -34,13 +34,7 @@ from test.unit.conftest import Result, assert_refused
 from test.unit.runs import stopping
 
 ITERATIONS, EPISODES, HORIZON = 3, 2, 10
-MODEL = {
-    "form": "gaussian_process",
-    "discovery": "none",
-    "updates": 3,
-    "rollouts": 5,
-    "centres": 30,
-}
+MODEL = {"form": "gaussian_process", "discovery": "none", "updates": 3, "rollouts": 5, "centres": 30}
 WIDE = {"grid": [-4.0, 4.0, 2]}
 PENDULUM = "rkhs/Pendulum-v0"
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
