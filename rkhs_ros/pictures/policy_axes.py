@@ -12,6 +12,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Names, input_names
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
 MOST_POINTS = 200  # maximum number of points for the selection
@@ -60,9 +61,9 @@ class PolicyAxes:
             components[:, i], components[:, j] = radius * np.cos(angle), radius * np.sin(angle)
         return self.policy.inputs.features(components) if _are_observed(self.policy) else components
 
-    def most_informative(self, points: Array, action: int = 0) -> tuple[tuple[int, int], float]:
+    def most_informative(self, points: Array, spaces: Spaces, action: int = 0) -> tuple[tuple[int, int], float]:
         """Return the pair of axes that explains most of a component of the mean action, see `most_informative`."""
-        return most_informative(lambda some: self.policy.mean(self.inputs(some))[:, action], points)
+        return most_informative(lambda some: spaces.clip(self.policy.mean(self.inputs(some)))[:, action], points)
 
     def centres(self) -> Array | None:
         """Return the centres of the mean, shape (centres, axes); None if they are not points on these axes."""

@@ -45,10 +45,10 @@ def policy_figure(policy: GaussianPolicy, spaces: Spaces, names: Names, episodes
     for action in range(shown):
         pair, about = (0, count - 1), ""
         if rows > 1:
-            pair, explained = view.most_informative(visited, action)
-            share = "all" if isnan(explained) else f"{max(explained, 0.0):.0%}"
+            pair, explained = view.most_informative(visited, spaces, action)
+            share = "all" if isnan(explained) else f"{explained:.0%}" if explained > 0.0 else "little"
             about = f"2 of {count} inputs, which explain {share} of the action"
-            _draw_times(panels[1, action], view, spaces, singles[0], action)
+            _draw_times(panels[1, action], view, spaces, singles[-1], action)
         draw_policy(panels[0, action], view, spaces, singles, pair, action)
         legend_above(panels[0, action], about)
     return figure

@@ -140,7 +140,7 @@ def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marke
     name = curve.label if curve.is_evaluation else f"{curve.label} (exploration)"
     axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
     (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=name)
-    line.set(marker=marker, markevery=MARKER_SPACING, markersize=4.5)
+    line.set(marker=marker, markevery=MARKER_SPACING if len(mean) > 1 else None, markersize=4.5)
 
 
 def _draw_optimum(axes: Axes, task: Task) -> None:

@@ -112,7 +112,7 @@ class IterationPanel:
         """Add the controls for the plot's axes in a closed folder; the most informative axes are preselected."""
         labels, across, up = axes.labels, 0, min(len(axes.labels) - 1, 1)
         if len(labels) > 2:
-            (across, up), _ = axes.most_informative(axes.visited(episode)[0])
+            (across, up), _ = axes.most_informative(axes.visited(episode)[0], self._source.spaces)
         lists = (("across", labels, across, 2), ("up", labels, up, 2), ("action", self._names.actions, 0, 1))
         gui, moves = self._server.gui, self._source.task.horizon > 1
         is_choice = moves and any(len(options) > fewest for _, options, _, fewest in lists)

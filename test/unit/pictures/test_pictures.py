@@ -207,11 +207,15 @@ def test_the_timeline_is_clear(d: int, n: int, steps: int, size: float) -> None:
 
 def test_colours_show_clipped_actions_and_a_zero_action_is_white() -> None:
     spaces = Spaces((2,), np.array([-0.5]), np.array([0.25]))
-    figure = policy_figure(policy(2, 1, size=9.0), spaces, Names(("x", "y"), ("a",)), episodes(1, 50, 2, 1), "t")
+    shown, made = policy(3, 1, size=9.0), episodes(2, 50, 3, 1)
+    figure = policy_figure(shown, spaces, Names(("x", "y", "z"), ("a",)), made, "t")
     (mesh,) = figure.axes[0].collections
     values = np.asarray(mesh.get_array())
     assert (values.min(), values.max() <= 0.25) == (-0.5, True)
     assert mesh.get_clim() == (-0.5, 0.5)
+    assert np.allclose(
+        figure.axes[1].lines[0].get_ydata(), spaces.clip(shown.mean(made.observations[1]))[:, 0]
+    )  # newest
 
 
 # Names
