@@ -192,7 +192,8 @@ def check_range(value: Any, about: Mapping[str, Any], name: str) -> None:
         if not isinstance(one, str):
             require(low <= one <= high and abs(one) != float("inf"), name, f"a number in [{low}, {high}]", one)
         elif about["choices"] and one not in about["choices"]:
-            raise ValueError(f"{name}: unknown choice '{one}', {hint(one, dict.fromkeys(about['choices']))}")
+            known = (*about["choices"], *([] if about["minimum"] is None else ["a number"]))
+            raise ValueError(f"{name}: unknown choice '{one}', {hint(one, dict.fromkeys(known))}")
 
 
 def entries(settings: Any, path: str = "") -> Iterator[Entry]:

@@ -71,13 +71,15 @@ def progress_bar(
     is_bar = console.is_terminal or console.is_jupyter
     evaluation, due = "-", 0.0  # last evaluation return; monotonic time of the next line in seconds
     with _TwoLines(*bar_columns(), console=console, disable=quiet or not is_bar) as progress:
-        bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="return -")
+        bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="returns: -")
 
         def show(iteration: Iteration, advice: Advice | None = None) -> None:
             nonlocal evaluation, due
             if len(iteration.evaluation):
                 evaluation = f"{iteration.evaluation_return:.4g}"
-            returns = f"return {iteration.exploration_return:.4g}, evaluation {evaluation}{_model(iteration)}"
+            returns = (
+                f"returns: exploration {iteration.exploration_return:.4g}, evaluation {evaluation}{_model(iteration)}"
+            )
             progress.update(bar, advance=1, returns=returns)
             count = f"{training.name}: iteration {iteration.number}"
             found = " ".join(settings_of(iteration.before, iteration.known))
@@ -97,5 +99,5 @@ def _model(iteration: Iteration) -> str:
     """Return the predicted return of the model and the error of its predecessor; empty without a model."""
     if isnan(iteration.model_return):
         return ""
-    error = "" if isnan(iteration.model_error) else f" (model error {iteration.model_error:.2g})"
+    error = "" if isnan(iteration.model_error) else f" (error {iteration.model_error:.2g})"
     return f", model {iteration.model_return:.4g}{error}"

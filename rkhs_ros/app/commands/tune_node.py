@@ -135,4 +135,6 @@ def _best(node: "TunedNode", tuning: Tuning, record: Record, seed: int) -> dict[
         if row + 1 not in record.repetitions:
             record.run(node, node.sense_context(), node.values(trials.places[row]), repeats=str(row + 1))
     scores = {row: trials.rewards[row] + record.repetitions[row + 1] for row in best}
-    return node.values(trials.places[max(scores, key=lambda row: float(scores[row]))])
+    row = max(scores, key=lambda row: float(scores[row]))
+    print(f"best: trial {row + 1}, mean reward {scores[row] / 2:.4g}", file=sys.stderr)
+    return node.values(trials.places[row])

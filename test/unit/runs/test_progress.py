@@ -43,8 +43,8 @@ def test_name_bar_iteration_times_and_returns_of_a_run_with_a_model_fit_80_colum
     assert "━━━━━━━━━" in bar
     assert "299/300" in bar
     assert bar.count(":") == 4  # the elapsed and the remaining time
-    assert returns.startswith("return ")
-    assert returns.endswith(", model -1234 (model error 0.012)")
+    assert returns.startswith("returns: exploration ")
+    assert returns.endswith(", model -1234 (error 0.012)")
 
 
 @pytest.mark.parametrize(("period", "numbers"), [(0.0, ["1", "2", "3", "4"]), (1000.0, ["1", "4"])])
@@ -62,7 +62,7 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     lines = err.splitlines()
     assert out == ""
     assert [line.split()[2] for line in lines] == numbers
-    assert f"toy_nac: iteration 4 of 4, return {returns[-1]:.4g}, evaluation " in lines[-1]
+    assert f"toy_nac: iteration 4 of 4, returns: exploration {returns[-1]:.4g}, evaluation " in lines[-1]
 
 
 def test_the_remaining_time_follows_from_the_last_iterations() -> None:
