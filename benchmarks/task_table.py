@@ -257,17 +257,21 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
     for learner, cell in cells.items():
         for panel, unit in zip(panels, units.values(), strict=True):
             counted = "episodes" if unit == 1.0 else "steps"
+            first = max(getattr(curve[0], counted) for curve in cell.curves)
             at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
+            at = at[at >= first]  # before, the median would be of some runs alone
             steady = [_held(cell, curve, counted, at) for curve in cell.curves]
             low, middle, high = np.nanquantile(steady, (0.25, 0.5, 0.75), axis=0)
             (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
             panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
     for panel, name in zip(panels, units, strict=True):
         panel.set(xscale="log", xlabel=name)
+        panel.xaxis.set_major_formatter(ScalarFormatter())
         for threshold in TASKS[task].thresholds:
             panel.axhline(threshold, color="0.7", linewidth=0.8, linestyle=":")
     panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
-    panels[0].legend(fontsize="small", frameon=False)
+    names = panels[0].get_legend_handles_labels()
+    figure.legend(*names, loc="outside upper center", ncols=len(cells), fontsize="small", frameon=False)
     return figure
 
 

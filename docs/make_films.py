@@ -200,7 +200,7 @@ def _arm(observations: Array) -> Callable[[int], NDArray[np.uint8]]:
 def _chart(config: Config) -> Chart:
     """Return the plot of the returns so far, with a line at the best known return."""
     name, best = max(references(config.task).items(), key=lambda item: item[1])
-    return Chart("step", "return so far", 1.0, best * 1.15, best, f"{name.partition(' (')[0]} {best:g}")
+    return Chart("step", "discounted return", 1.0, best * 1.15, best, f"{name.partition(' (')[0]} {best:g}")
 
 
 def _episodes_of(run: Path) -> tuple[Episodes, Episodes]:
