@@ -12,6 +12,7 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.rkhs.kernels import Array
 
 ROUND = 1e-4  # largest relative spread of a circle's squared radii; observations may be rounded to 32 bits
+ARC = 0.1  # the same, relative to that of the first coordinate's squares: columns far from 0 are no circle
 RADIANS = 2.0 * np.pi  # a full turn
 NO_ANGLES = Inputs()
 FEWEST_ON_CIRCLE = 10  # distinct points that distinguish a circle from a pair of flags
@@ -86,8 +87,8 @@ class StateCoordinates:
 
 def _on_circle(radii: Array, parts: Array) -> bool:
     """Return whether squared radii are nearly constant while ``parts``, the first coordinate's square, varies."""
-    mean = radii.mean()
-    return bool(np.ptp(radii) < ROUND * mean and len(np.unique(parts)) >= FEWEST_ON_CIRCLE)
+    is_round = np.ptp(radii) < min(ROUND * radii.mean(), ARC * np.ptp(parts))
+    return bool(is_round and len(np.unique(parts)) >= FEWEST_ON_CIRCLE)
 
 
 def _angle(points: Array, i: int, j: int) -> Array:
