@@ -11,6 +11,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NoReturn
 
+from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
+
 
 def parser(description: str | None) -> ArgumentParser:
     """Return a parser with the option ``--quick``."""
@@ -30,6 +32,17 @@ def parsed(command: ArgumentParser, arguments: Sequence[str] | None = None, **qu
     if command.parse_args(arguments).quick:
         command.set_defaults(**quick)
     return command.parse_args(arguments)
+
+
+def ended(run: Callable[[], int | None]) -> int:
+    """Run a command; print an error, or that it was interrupted, in one line, and return its exit code."""
+    try:
+        return run() or 0
+    except (ValueError, OSError, RunError) as error:
+        return print_error(error)
+    except KeyboardInterrupt:
+        print("interrupted; finished runs are stored", file=sys.stderr)
+        return INTERRUPTED
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import csv
+import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import StringIO
@@ -18,11 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from cmaes import CMA
 
-from command import parsed, parser
+from command import ended, parsed, parser
 from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
+from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.training_settings import NoModel
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -167,7 +169,8 @@ def as_csv(results: Iterable[Result]) -> str:
 def read_results(path: Path) -> list[Result]:
     """Return the results in a file of `as_csv`."""
     with path.open(newline="") as file:
-        _, *lines = csv.reader(file)
+        head, *lines = list(csv.reader(file)) or [[]]
+    require(tuple(head) == Result._fields, f"{path}", f"a first line {','.join(Result._fields)}", ",".join(head))
     return [Result(name, int(seed), int(used), *map(float, rest)) for name, seed, used, *rest in lines]
 
 
@@ -261,23 +264,20 @@ def seeds_of(name: str) -> str:
     return MANY if name in WITH_MANY else FEW
 
 
-def results_of(options: Namespace) -> list[Result]:
-    """Train, and return the results in the order of the names."""
-    changes = QUICK_CHANGES if options.quick else ()
+def main(options: Namespace) -> None:
+    """Train what is requested, store each result, and print the tables."""
+    stored = read_results(options.out) if options.out and (options.tables or options.out.exists()) else []
+    require(not options.tables or options.out is not None, "--tables", "--out with the file of the results", "none")
+    results, changes = {(each.name, each.seed): each for each in stored}, QUICK_CHANGES if options.quick else ()
     work = [
         (name, seed, changes)
-        for name in options.names or names()
-        for seed in parse_seeds(options.seeds or seeds_of(name))
+        for name in ([] if options.tables else options.names or names())
+        for seed in parse_seeds(options.seeds or seeds_of(pick(name, dict.fromkeys(names()), "configuration")))
     ]
-    return list(run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick))
-
-
-def main(options: Namespace) -> None:
-    """Train what is requested, store the results, and print the tables."""
-    stored = read_results(options.out) if options.out and options.out.exists() else []
-    results = {(each.name, each.seed): each for each in [*stored, *([] if options.tables else results_of(options))]}
-    if options.out and not options.tables:
-        write_whole(options.out, as_csv(results.values()).encode())
+    for result in run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick):
+        results[result.name, result.seed] = result
+        if options.out:
+            write_whole(options.out, as_csv(results.values()).encode())
     print(as_markdown(sorted(results.values())), end="")
 
 
@@ -290,4 +290,4 @@ if __name__ == "__main__":
     add_jobs_argument(command)
     from configurations import main as run  # by the name under which worker processes import it
 
-    run(parsed(command, names=QUICK, seeds="100-101"))
+    sys.exit(ended(lambda: run(parsed(command, names=QUICK, seeds="100-101"))))

@@ -6,6 +6,7 @@ grids agree, the result does not depend on the grid.
 
 import itertools
 import os
+import sys
 import time
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 from scipy.sparse import coo_array, csr_array
 
-from command import parser
+from command import ended, parser
 from sim_nodes.envs import TASKS
 from sim_nodes.envs.vector_task import Array, VectorTask, clip
 
@@ -111,4 +112,4 @@ def main(*, quick: bool) -> None:
 
 
 if __name__ == "__main__":
-    main(quick=parser(__doc__).parse_args().quick)
+    sys.exit(ended(lambda: main(quick=parser(__doc__).parse_args().quick)))

@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from command import parsed, parser
+from command import ended, parsed, parser
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
-from rkhs_ros.base.endings import FAILED, INTERRUPTED, RunError, print_error
+from rkhs_ros.base.endings import FAILED
 from rkhs_ros.base.processes import one_thread
-from rkhs_ros.base.validation import pick
+from rkhs_ros.base.validation import pick, require
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.studies.workers import run_parallel
 from task_learners import LEARNERS, missing
-from task_table import RESULTS, Cell, make_table, shown
+from task_table import RESULTS, Cell, cells_of, make_table, shown, summary
 from trial import TASKS, Curves, Key, Point, Task, Trial, read_curves, write_curves
 
 CURVES = RESULTS / "curves.csv"
@@ -83,21 +83,25 @@ def reached(key: Key, curve: Sequence[Point]) -> str:
 
 
 def run(options: Namespace) -> int:
-    """Train the missing curves, and store each, or make the table of all; return the exit code."""
+    """Train the missing curves, and store each, or make the table of all; return the exit code.
+
+    The page is made of its own curves alone; of another file, the table is printed.
+    """
     curves, failed = read_curves(options.curves), False
     if options.table:
-        make_table(curves)
+        require(len(curves) > 0, f"{options.curves}", "a file of curves", "none")
+        print(summary(cells_of(curves))) if options.curves != CURVES.resolve() else make_table(curves)
         return 0
+    options.curves.parent.mkdir(parents=True, exist_ok=True)
     work = list(asked(options, curves))
     if not work:
-        print(f"nothing to train: {options.curves} has all curves")
+        print("nothing to train")
     for key, result in run_parallel(learnt, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
         if isinstance(result, str):
             failed = True
             print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
         else:
-            curves[key] = result
-            write_curves(options.curves, curves)
+            write_curves(options.curves, read_curves(options.curves) | {key: result})  # others may write, too
             print(reached(key, result), flush=True)
     return FAILED if failed else 0
 
@@ -126,13 +130,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    try:
-        return run(options_of(arguments))
-    except (ValueError, OSError, RunError) as error:
-        return print_error(error)
-    except KeyboardInterrupt:
-        print("interrupted; run the same command to continue", file=sys.stderr)
-        return INTERRUPTED
+    return ended(lambda: run(options_of(arguments)))
 
 
 if __name__ == "__main__":

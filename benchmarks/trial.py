@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from io import StringIO
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -237,27 +237,36 @@ class Key(NamedTuple):
 
 
 Curves = dict[Key, list[Point]]
+HEAD = (*Key._fields, *Point._fields)
 
 
 def read_curves(path: Path) -> Curves:
-    """Return the curves of a file; none if it does not exist."""
+    """Return the curves of a file; none if it does not exist.
+
+    Raises:
+        ValueError: the file has another content.
+    """
+    curves: Curves = {}
     if not path.exists():
-        return {}
+        return curves
     with path.open(newline="") as file:
-        _, *lines = csv.reader(file)
-    return {
-        Key(task, learner, int(seed)): [
-            Point(int(e), int(s), *map(float, rest), int(repeat)) for _, _, _, e, s, *rest, repeat in each
-        ]
-        for (task, learner, seed), each in groupby(lines, lambda line: tuple(line[:3]))
-    }
+        head, *lines = list(csv.reader(file)) or [[]]
+    require(tuple(head) == HEAD, f"{path}", f"a first line {','.join(HEAD)}", ",".join(head))
+    for number, line in enumerate(lines, 2):
+        try:
+            task, learner, seed, episodes, steps, *rest, repeat = line
+            point = Point(int(episodes), int(steps), *map(float, rest), int(repeat))
+            curves.setdefault(Key(task, learner, int(seed)), []).append(point)
+        except (ValueError, TypeError):
+            raise ValueError(f"{path}, line {number}: expected a point of a curve, got {','.join(line)}") from None
+    return curves
 
 
 def write_curves(path: Path, curves: Curves) -> None:
     """Write a file of curves, sorted by task, learner and seed."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow((*Key._fields, *Point._fields))
+    writer.writerow(HEAD)
     for key in sorted(curves):
         for point in curves[key]:
             writer.writerow((*key, *(f"{value:.6g}" for value in point)))

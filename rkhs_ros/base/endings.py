@@ -13,7 +13,7 @@ BAD_INPUT = 2
 RESUMABLE = os.EX_TEMPFAIL  # a node died or was silent for too long; the run can be resumed
 INTERRUPTED = 130  # by Ctrl-C or SIGTERM; the shells' convention
 ENDING = (signal.SIGINT, signal.SIGTERM)
-DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS}
 
 
 class RunError(RuntimeError):

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 
+NO_BOUND = 1e30  # tasks give the largest 32-bit number for actions without bounds
+
 
 @dataclass(frozen=True)
 class Spaces:
@@ -80,7 +82,8 @@ class Spaces:
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
+        low, high = self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
+        return np.where(low > -NO_BOUND, low, -np.inf), np.where(high < NO_BOUND, high, np.inf)
 
     def shaped(self, actions: Array) -> NDArray[np.floating[Any]]:
         """Return clipped actions, shape (batch, action_dim), in the task's shape and type: shape (batch, ...)."""

@@ -158,7 +158,7 @@ def _train_one(options: argparse.Namespace, config: Config, runner: InlineRunner
                 begin(folder, config)
             if (folder / "policy.npz").is_file():
                 draw_run(folder)
-    if code == INTERRUPTED:
+    if code == INTERRUPTED or (code == FAILED and (folder / "policy.npz").is_file()):
         print(interruption_summary(folder, config), file=sys.stderr)
     return code
 

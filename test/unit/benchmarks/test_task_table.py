@@ -1,5 +1,6 @@
 """The table of tasks in benchmarks/."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from scipy.stats import mannwhitneyu
 
 import task_table
 import tasks
+from rkhs_ros.base.endings import BAD_INPUT
 from task_learners import LEARNERS
-from trial import TASKS, Key, Point, read_curves, write_curves
+from trial import HEAD, TASKS, Key, Point, read_curves, write_curves
 
 README = Path(__file__).parents[3] / "README.md"
 
@@ -78,6 +80,16 @@ def test_a_profile_weighs_tasks_equally_and_never_counts_runs_that_did_not_end()
     assert found.value.tolist() == [0.0, 0.125, 0.625, 0.75]
     assert found.low[3] == 0.5  # the run of the second task, and none of the first
     assert found.high[3] == 1.0
+
+
+@pytest.mark.parametrize("text", ["my notes\n", "", ",".join(HEAD) + "\n<<<<<<< HEAD\n"])
+def test_a_file_of_other_content_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    (tmp_path / "mine.csv").write_text(text)
+    assert tasks.main(["--quick", "--curves", str(tmp_path / "mine.csv")]) == BAD_INPUT
+    assert re.match(r"error: .*mine\.csv.*: expected .*, got .*\n$", capsys.readouterr().err)
+    assert (tmp_path / "mine.csv").read_text() == text
 
 
 @pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")

@@ -83,7 +83,7 @@ def test_a_file_without_spaces_loads_with_unbounded_spaces(tmp_path: Path, rng: 
         load(tmp_path / "window.npz")
 
 
-SPACES = Spaces((1,), np.array([-1.0, 0.0, 2.0, -np.inf]), np.array([3.0, np.inf, 2.0, np.inf]))
+SPACES = Spaces((1,), np.array([-1.0, 0.0, 2.0, -np.inf]), np.array([3.0, 3.4e38, 2.0, np.inf]))
 
 
 def test_actions_are_clipped_to_their_bounds_and_infinite_ranges_have_half_range_1_and_middle_0() -> None:

@@ -47,7 +47,8 @@ def test_pairs_that_are_not_circles_are_not_detected(rng: np.random.Generator) -
     near = on_circle(rng.uniform(-3, 3, 200)) * rng.uniform(0.999, 1.001, (200, 1))
     assert StateCoordinates.of(near).circles == ()
     assert StateCoordinates.of(np.ones((50, 2))).circles == ()
-    far = rng.uniform(-1.0, 1.0, (200, 5)) + [4e5, 5.4e6, 0.0, 101325.0, 0.0]  # positions and a pressure
+    positions_and_pressure = np.array([4e5, 5.4e6, 0.0, 101325.0, 0.0])
+    far = positions_and_pressure + rng.uniform(-1.0, 1.0, (200, 5))
     assert StateCoordinates.of(far).circles == ()
 
 
