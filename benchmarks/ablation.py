@@ -1,0 +1,176 @@
+"""Measure what each part of model-based training earns: train without one part at a time, on seeds that chose none.
+
+Each finished curve is stored in docs/results/ablation.csv at once, with the name of the part in place of the learner's,
+or "all". The same command continues after an interruption, and prints the table of what is stored.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from command import ended, parsed, parser
+from rkhs_ros.app.study import add_jobs_argument, parse_seeds
+from rkhs_ros.base.processes import one_thread
+from rkhs_ros.base.validation import pick
+from rkhs_ros.learning import training
+from rkhs_ros.learning.model import dynamics_model, model_rollouts, rewards, termination
+from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model_based import training_in_model
+from rkhs_ros.learning.model_based.real_experience import RealExperience
+from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
+from rkhs_ros.learning.training_settings import ModelBased
+from rkhs_ros.rkhs.evidence import BANDWIDTHS
+from rkhs_ros.studies.workers import run_parallel
+from task_learners import LEARNERS
+from task_table import RESULTS, Cell, shown
+from tasks import trial_of
+from trial import TASKS, Curves, Key, Point, Trial, read_curves, write_curves
+
+FILE = RESULTS.parent / "ablation.csv"
+ALL = "all"
+ALIKE = {"cart-pole": 8, "furuta": 8, "pendulum-clip": 3}  # tasks whose episodes start alike, and how many episodes
+VARYING = {"ball-on-beam": 10, "tanks": 10, "Pendulum-v1": 7, "Reacher-v5": 10, "MountainCarContinuous-v0": 4}
+EPISODES = {**ALIKE, **VARYING}
+NEVER = 10**9
+QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200", "curves": Path("quick.csv")}
+
+
+def _explorer(*its: Any) -> training_in_model.Trained:
+    trained = training_in_model.train_in_model(*its)
+    return replace(trained, policy=trained.explorer)
+
+
+def _last_policy(policy: Any, experience: Any, inputs: Any) -> Any:
+    fits = inputs == policy.inputs and policy.mean.weights.any()
+    return policy if fits else _fresh_policy(policy, experience, inputs)
+
+
+def _recorded_start(model: Any, random: np.random.Generator) -> Any:
+    return model.starts[random.integers(len(model.starts))]
+
+
+def _own_functions(model: Any, *, worlds: Any = (), **others: Any) -> ModelRunner:
+    return ModelRunner(model, **others)
+
+
+def _nowhere(runner: Any, observations: Any) -> Any:
+    return np.zeros((len(observations), observations.shape[1] - 1), dtype=bool)
+
+
+_fresh_policy, learner = training_in_model._fresh_policy, training_in_model
+# What removes each part, and the tasks where it may have an effect.
+Part = tuple[Callable[[], AbstractContextManager[Any]], Sequence[str]]
+PARTS: dict[str, Part] = {
+    "reward margin": (lambda: patch.dict(ModelRunner.__init__.__kwdefaults__, reward_margin=0.0), (*EPISODES,)),
+    "focus": (lambda: patch.object(dynamics_model, "_starts_vary", lambda *its: True), (*ALIKE,)),
+    "finer ridges": (lambda: patch.object(learner, "FINER", 1.0), (*ALIKE,)),
+    "optimism": (lambda: patch.object(RealExperience, "seeks_novelty", False), (*EPISODES,)),
+    "decay of exploration": (lambda: patch.object(learner, "EXPLORATION_DECAY", 1.0), (*EPISODES,)),
+    "fine exploration": (lambda: patch.object(learner, "FINE", learner.NARROW), (*VARYING,)),
+    "visited starts": (lambda: patch.object(model_rollouts, "START_VISITED_EVERY", NEVER), (*EPISODES,)),
+    "starts beyond": (lambda: patch.object(dynamics_model.DynamicsModel, "draw_start", _recorded_start), (*VARYING,)),
+    "several worlds": (lambda: patch.object(learner, "WORLDS", 1), (*VARYING,)),
+    "shared worlds": (lambda: patch.object(learner, "ModelRunner", _own_functions), (*EPISODES,)),
+    "policy for use": (lambda: patch.object(training, "train_in_model", _explorer), (*EPISODES,)),
+    "centred metric": (lambda: patch.object(ModelBased, "tries_centred_metric", False), (*EPISODES,)),
+    "second training": (
+        lambda: patch.object(Validation, "resume", lambda its: setattr(its, "_waited", PATIENCE)),
+        (*EPISODES,),
+    ),
+    "earlier policies": (lambda: patch.object(Validation, "consider_earlier", lambda *its: None), (*EPISODES,)),
+    "training from 0": (lambda: patch.object(learner, "_fresh_policy", _last_policy), (*EPISODES,)),
+    "walls": (lambda: patch.object(ModelRunner, "_beyond", _nowhere), (*EPISODES,)),
+    "limits": (lambda: patch.object(termination.Limits, "of", lambda *its: None), ("ball-on-beam",)),
+    "terminal function": (lambda: patch.object(termination, "FEWEST_ENDS", NEVER), ("ball-on-beam",)),
+    "narrow bandwidths": (lambda: patch.object(rewards, "FINE_BANDWIDTHS", BANDWIDTHS), (*EPISODES,)),
+    "cost of actions": (lambda: patch.object(rewards, "MOSTLY", 0.0), ("Reacher-v5", "MountainCarContinuous-v0")),
+}
+
+
+@one_thread()
+def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
+    """Train without the part that the key names; return its curve, or the error if it failed."""
+    without = nullcontext if key.learner == ALL else PARTS[key.learner][0]
+    try:
+        with without():
+            return key, list(LEARNERS["ours"].learn(trial))
+    except Exception as error:  # a failed run must not end the others
+        return key, " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
+    """Yield the missing curves, seed by seed."""
+    for seed in options.seeds:
+        for part in (ALL, *options.parts):
+            for task in EPISODES if part == ALL else PARTS[part][1]:
+                if task in options.tasks and (key := Key(task, part, seed)) not in curves:
+                    trial = trial_of(TASKS[task], "ours", seed)
+                    yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
+
+
+def table(curves: Curves) -> str:
+    """Return the episodes until the first threshold and the mean return without each part, as Markdown."""
+    lines = [f"| Without | {' | '.join(f'`{task}`' for task in EPISODES)} |", "|---" * (1 + len(EPISODES)) + "|"]
+    for part in (ALL, *PARTS):
+        cells = []
+        for task in EPISODES:
+            its = [curve for key, curve in curves.items() if key[:2] == (task, part)]
+            cell = Cell(TASKS[task], its)
+            means = [float(cell.returns(curve).mean()) for curve in its]
+            until = shown(cell.until(TASKS[task].thresholds[0], "episodes")) if its else ""
+            cells.append(f"{until}: {np.median(means):.3g}" if its else "")
+        lines.append(f"| {part if part != ALL else 'nothing'} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def run(options: Namespace) -> None:
+    """Train the missing curves, store each, and print the table."""
+    work = list(asked(options, read_curves(options.curves)))
+    for key, result in run_parallel(learnt, work, jobs=options.jobs, title="ablation", quiet=options.quick):
+        if isinstance(result, str):
+            print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
+        else:
+            write_curves(options.curves, read_curves(options.curves) | {key: result})  # others may write, too
+    print(table(read_curves(options.curves)))
+
+
+def options_of(arguments: Sequence[str] | None) -> Namespace:
+    """Parse the options.
+
+    Raises:
+        ValueError: a name is unknown, or the seeds are no numbers.
+    """
+    command = parser(__doc__)
+    command.add_argument("--tasks", nargs="+", default=list(EPISODES), help="default: all")
+    command.add_argument("--parts", nargs="+", default=list(PARTS), help="parts to remove; default: each")
+    command.add_argument("--seeds", default="200-204", help="such as 200-204 or 200,202; default: 200-204")
+    command.add_argument("--curves", type=Path, default=FILE, help="file of the curves")
+    add_jobs_argument(command)
+    options = parsed(command, arguments, **QUICK)
+    for name, known, kind in ((options.tasks, EPISODES, "task"), (options.parts, PARTS, "part")):
+        for each in name:
+            pick(each, dict.fromkeys(known), kind)
+    options.seeds = parse_seeds(options.seeds)
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    return ended(lambda: run(options_of(arguments)))
+
+
+if __name__ == "__main__":
+    from ablation import main as run_main  # by the name under which worker processes import it
+
+    sys.exit(run_main())
