@@ -156,16 +156,7 @@ def learn(
 ) -> Generator[Result, None, None]:
     """Train a policy and yield the result of each iteration, for loops of your own and early stopping.
 
-    Args:
-        environment: as for `train`.
-        algorithm: as for `train`.
-        **settings: keywords of `LearnSettings`, such as ``iterations``, ``seed``, ``kernel``, ``model`` and ``out``.
-
-    Raises:
-        ValueError: a setting is unknown or invalid, the environment cannot be used, or the folder ``out`` is in use or
-            contains another run.
-        RunError: the environment failed.
-        OSError: the folder ``out`` cannot be written.
+    The arguments and errors are those of `train`.
     """
     return _results(environment, algorithm, quiet=True, **settings)
 

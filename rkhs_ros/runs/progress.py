@@ -27,8 +27,6 @@ from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
 LINE_PERIOD_S = 5.0  # between lines
-
-
 Show = Callable[..., None]  # shows an iteration, and advice if there is any
 
 
