@@ -24,7 +24,7 @@ from rkhs_ros.rkhs.posterior import Posterior
 
 MOSTLY = 0.7  # part of the rewards' standard deviation that a cost of the actions may leave unexplained to be used
 ALMOST = 0.01  # the same if states are to make no difference
-CLEAR = 0.5  # log evidence per step by which narrow bandwidths must be better, as for further inputs
+CLEAR = float(np.log(2.0))  # log evidence per step by which narrow bandwidths must be better: they halve the errors
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
 
 
