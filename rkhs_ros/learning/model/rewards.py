@@ -24,7 +24,6 @@ from rkhs_ros.rkhs.posterior import Posterior
 
 MOSTLY = 0.7  # part of the rewards' standard deviation that a cost of the actions may leave unexplained to be used
 ALMOST = 0.01  # the same if states are to make no difference
-CLEAR = float(np.log(2.0))  # log evidence per step by which narrow bandwidths must be better: they halve the errors
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
 
 
@@ -99,7 +98,8 @@ class Rewards:
         cost = ActionCost.fit(steps.actions[goes_on], earned, spaces, MOSTLY)
         others = steps.rewards if cost is None else steps.rewards - cost(steps.actions)
         targets = others[goes_on, None]
-        fits = [_fit(p[goes_on], targets, centres, may_be_narrow=are_rare) for p in (steps.points, leads)]
+        bandwidths = FINE_BANDWIDTHS if are_rare else BANDWIDTHS  # the goal alone earns more
+        fits = [Posterior.fit(p[goes_on], targets, centres, bandwidths=bandwidths) for p in (steps.points, leads)]
         depends_on_next = fits[1].evidence > fits[0].evidence
         best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
         ended, terminal = steps.terminated, TerminalReward()
@@ -122,15 +122,6 @@ class Rewards:
         beyond = margin * (greatest - least)
         clipped = np.clip(others, least - beyond, greatest + beyond)
         return clipped if self.cost is None else clipped + self.cost(actions)
-
-
-def _fit(points: Array, targets: Array, centres: int, *, may_be_narrow: bool) -> Posterior:
-    """Fit rewards, with narrow bandwidths only if the goal alone may earn something or the evidence is clear.
-
-    Evidence that is hardly greater would be bought with rewards that are unknown between the steps.
-    """
-    wide, narrow = (Posterior.fit(points, targets, centres, bandwidths=each) for each in (BANDWIDTHS, FINE_BANDWIDTHS))
-    return narrow if may_be_narrow or narrow.evidence > wide.evidence + CLEAR * len(points) else wide
 
 
 def reward_depends_on_action_only(episodes: Episodes, spaces: Spaces) -> bool:

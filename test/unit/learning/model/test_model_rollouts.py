@@ -243,16 +243,6 @@ def test_a_narrow_kernel_may_fit_rewards_that_most_steps_do_not_earn(threshold: 
     assert learnt.posterior.bandwidth == pytest.approx((0.4 if is_rare else 1.0) * np.sqrt(1.5))
 
 
-def test_a_distance_from_targets_is_known_between_five_of_them(rng: np.random.Generator) -> None:
-    places = np.column_stack([rng.uniform(-1.0, 1.0, 200), np.tile(np.linspace(-0.8, 0.8, 5), 40)])[:, None]
-    rewards = -np.abs(places[:, :, 0] - places[:, :, 1])
-    alone = Episodes.without_ends(places, np.zeros((200, 1, 1)), rewards, np.ones((200, 1), dtype=bool))
-    learnt = DynamicsModel.fit(alone, Inputs(), SPACES, 200).rewards
-    new = np.column_stack([rng.uniform(-0.8, 0.8, (200, 2)), np.zeros(200)])
-    errors = learnt.posterior.mean(new)[:, 0] + np.abs(new[:, 0] - new[:, 1])
-    assert np.abs(errors).mean() < 0.005  # 0.01 with wide bandwidths
-
-
 def test_rollouts_that_end_on_the_better_side_earn_more(rng: np.random.Generator) -> None:
     def with_goal(episodes: Episodes) -> np.ndarray:
         """Return the rewards if an end on the right earns 10 instead of costing 10."""
