@@ -6,7 +6,6 @@ from rkhs_ros.base.validation import truncated
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
-from rkhs_ros.rkhs.kernels import Array
 
 SAMPLES_AT_ONCE = 2048  # keeps the kernel matrix small
 
@@ -37,9 +36,6 @@ def check_actions(episodes: Episodes, policy: GaussianPolicy, batch: Batch) -> N
         env, step = np.argwhere(wrong)[0]
         raise ValueError(
             f"environment {env} (episode {batch.episodes[env]}), step {step}: "
-            f"expected the policy's action {_text(held[env, step])}, got {_text(episodes.actions[env, step])}"
+            f"expected the policy's action {truncated(held[env, step].tolist())}, "
+            f"got {truncated(episodes.actions[env, step].tolist())}"
         )
-
-
-def _text(action: Array) -> str:
-    return truncated(action.tolist())

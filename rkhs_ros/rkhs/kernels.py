@@ -277,7 +277,11 @@ def _linear(parameters: tuple[float, ...]) -> Kernel:
 
 
 # A new kernel may also need entries in learning/kernel_choice.py and policies/onnx_export.py: docs/custom_kernel.md.
-LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {"rbf": RBF, "polynomial": _polynomial, "linear": _linear}
+LEAVES: dict[str, Callable[[tuple[float, ...]], Kernel]] = {
+    "rbf": RBF,
+    "polynomial": _polynomial,
+    "linear": _linear,
+}
 COMPOSITIONS: dict[str, Callable[[Kernel, Kernel], Kernel]] = {"sum": Sum, "product": Product}
 
 
