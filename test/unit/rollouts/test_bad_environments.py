@@ -48,11 +48,14 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_failing_environment_stops_the_run_in_one_line_and_a_repaired_one_resumes_it(
+def test_a_failing_environment_stops_the_run_and_a_repaired_one_resumes_it(
     rkhs: Callable[..., Result], fault: str
 ) -> None:
-    result = rkhs(*ARGUMENTS, f"environment.options.fault={fault}")
-    assert result == (1, "", f"error: bad_tasks:Bad-v0: {FAULTS[fault]}\n")
+    code, out, err = rkhs(*ARGUMENTS, f"environment.options.fault={fault}")
+    error, hint = err.splitlines()
+    assert (code, out, error) == (1, "", f"error: bad_tasks:Bad-v0: {FAULTS[fault]}")
+    saved = "saved: run/curve.csv, run/policy.npz; resume with: rkhs train --resume run --env bad_tasks:Bad-v0"
+    assert hint == f"interrupted after 2 of 4 iterations; {saved}"
     assert len(Curve(Path("run/curve.csv")).rows()) == 2
     assert Path("run/policy.npz").is_file()
     Path("mended").touch()

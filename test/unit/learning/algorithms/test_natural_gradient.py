@@ -155,12 +155,9 @@ def on_a_lattice(rng: np.random.Generator) -> tuple[GaussianPolicy, Episodes]:
 
 
 GRID = {"grid": (0.0, 2.0, 3.0)}
+CRITICS = ("step", "trajectory", "pursuit")
 PAIRS: list[tuple[type[Algorithm], type[Algorithm], dict[str, Any]]] = [
-    *(
-        (free, fixed, {"critic": c})
-        for free, fixed in ((RKHSNAC, ENAC), (RKHSAC, AC))
-        for c in ("step", "trajectory", "pursuit")
-    ),
+    *((free, fixed, {"critic": c}) for free, fixed in ((RKHSNAC, ENAC), (RKHSAC, AC)) for c in CRITICS),
     *((RKHSPoWER, PoWER, {"weighting": weighting, "reuse": 0}) for weighting in ("positive", "returns")),
 ]
 
