@@ -10,7 +10,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +19,9 @@ from unittest.mock import patch
 
 import numpy as np
 
+import tasks
 from command import ended, parsed, parser
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
-from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import pick
 from rkhs_ros.learning import training
 from rkhs_ros.learning.model import dynamics_model, model_rollouts, rewards, termination
@@ -31,11 +31,8 @@ from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS
-from rkhs_ros.studies.workers import run_parallel
-from task_learners import LEARNERS
 from task_table import RESULTS, Cell, shown
-from tasks import trial_of
-from trial import TASKS, Curves, Key, Point, Trial, read_curves, write_curves
+from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
 FILE = RESULTS.parent / "ablation.csv"
 ALL = "all"
@@ -70,43 +67,39 @@ def _nowhere(runner: Any, observations: Any) -> Any:
 
 _fresh_policy, learner = training_in_model._fresh_policy, training_in_model
 # What removes each part, and the tasks where it may have an effect.
-Part = tuple[Callable[[], AbstractContextManager[Any]], Sequence[str]]
+Part = tuple[Callable[[], AbstractContextManager[Any]], Iterable[str]]
 PARTS: dict[str, Part] = {
-    "reward margin": (lambda: patch.dict(ModelRunner.__init__.__kwdefaults__, reward_margin=0.0), (*EPISODES,)),
-    "focus": (lambda: patch.object(dynamics_model, "_starts_vary", lambda *its: True), (*ALIKE,)),
-    "finer ridges": (lambda: patch.object(learner, "FINER", 1.0), (*ALIKE,)),
-    "optimism": (lambda: patch.object(RealExperience, "seeks_novelty", False), (*EPISODES,)),
-    "decay of exploration": (lambda: patch.object(learner, "EXPLORATION_DECAY", 1.0), (*EPISODES,)),
-    "fine exploration": (lambda: patch.object(learner, "FINE", learner.NARROW), (*VARYING,)),
-    "visited starts": (lambda: patch.object(model_rollouts, "START_VISITED_EVERY", NEVER), (*EPISODES,)),
-    "starts beyond": (lambda: patch.object(dynamics_model.DynamicsModel, "draw_start", _recorded_start), (*VARYING,)),
-    "several worlds": (lambda: patch.object(learner, "WORLDS", 1), (*VARYING,)),
-    "shared worlds": (lambda: patch.object(learner, "ModelRunner", _own_functions), (*EPISODES,)),
-    "policy for use": (lambda: patch.object(training, "train_in_model", _explorer), (*EPISODES,)),
-    "centred metric": (lambda: patch.object(ModelBased, "tries_centred_metric", False), (*EPISODES,)),
+    "reward margin": (lambda: patch.dict(ModelRunner.__init__.__kwdefaults__, reward_margin=0.0), EPISODES),
+    "focus": (lambda: patch.object(dynamics_model, "_starts_vary", lambda *its: True), ALIKE),
+    "finer ridges": (lambda: patch.object(learner, "FINER", 1.0), ALIKE),
+    "optimism": (lambda: patch.object(RealExperience, "seeks_novelty", False), EPISODES),
+    "decay of exploration": (lambda: patch.object(learner, "EXPLORATION_DECAY", 1.0), EPISODES),
+    "fine exploration": (lambda: patch.object(learner, "FINE", learner.NARROW), VARYING),
+    "visited starts": (lambda: patch.object(model_rollouts, "START_VISITED_EVERY", NEVER), EPISODES),
+    "starts beyond": (lambda: patch.object(dynamics_model.DynamicsModel, "draw_start", _recorded_start), VARYING),
+    "several worlds": (lambda: patch.object(learner, "WORLDS", 1), VARYING),
+    "shared worlds": (lambda: patch.object(learner, "ModelRunner", _own_functions), EPISODES),
+    "policy for use": (lambda: patch.object(training, "train_in_model", _explorer), EPISODES),
+    "centred metric": (lambda: patch.object(ModelBased, "tries_centred_metric", False), EPISODES),
     "second training": (
         lambda: patch.object(Validation, "resume", lambda its: setattr(its, "_waited", PATIENCE)),
-        (*EPISODES,),
+        EPISODES,
     ),
-    "earlier policies": (lambda: patch.object(Validation, "consider_earlier", lambda *its: None), (*EPISODES,)),
-    "training from 0": (lambda: patch.object(learner, "_fresh_policy", _last_policy), (*EPISODES,)),
-    "walls": (lambda: patch.object(ModelRunner, "_beyond", _nowhere), (*EPISODES,)),
+    "earlier policies": (lambda: patch.object(Validation, "consider_earlier", lambda *its: None), EPISODES),
+    "training from 0": (lambda: patch.object(learner, "_fresh_policy", _last_policy), EPISODES),
+    "walls": (lambda: patch.object(ModelRunner, "_beyond", _nowhere), EPISODES),
     "limits": (lambda: patch.object(termination.Limits, "of", lambda *its: None), ("ball-on-beam",)),
     "terminal function": (lambda: patch.object(termination, "FEWEST_ENDS", NEVER), ("ball-on-beam",)),
-    "narrow bandwidths": (lambda: patch.object(rewards, "FINE_BANDWIDTHS", BANDWIDTHS), (*EPISODES,)),
+    "narrow bandwidths": (lambda: patch.object(rewards, "FINE_BANDWIDTHS", BANDWIDTHS), EPISODES),
     "cost of actions": (lambda: patch.object(rewards, "MOSTLY", 0.0), ("Reacher-v5", "MountainCarContinuous-v0")),
 }
 
 
-@one_thread()
 def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
     """Train without the part that the key names; return its curve, or the error if it failed."""
     without = nullcontext if key.learner == ALL else PARTS[key.learner][0]
-    try:
-        with without():
-            return key, list(LEARNERS["ours"].learn(trial))
-    except Exception as error:  # a failed run must not end the others
-        return key, " ".join(f"{type(error).__name__}: {error}".split())
+    with without():
+        return key, tasks.learnt(key._replace(learner="ours"), trial)[1]
 
 
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
@@ -115,7 +108,7 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
         for part in (ALL, *options.parts):
             for task in EPISODES if part == ALL else PARTS[part][1]:
                 if task in options.tasks and (key := Key(task, part, seed)) not in curves:
-                    trial = trial_of(TASKS[task], "ours", seed)
+                    trial = tasks.trial_of(TASKS[task], "ours", seed)
                     yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
 
 
@@ -134,15 +127,11 @@ def table(curves: Curves) -> str:
     return "\n".join(lines)
 
 
-def run(options: Namespace) -> None:
-    """Train the missing curves, store each, and print the table."""
-    work = list(asked(options, read_curves(options.curves)))
-    for key, result in run_parallel(learnt, work, jobs=options.jobs, title="ablation", quiet=options.quick):
-        if isinstance(result, str):
-            print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
-        else:
-            write_curves(options.curves, read_curves(options.curves) | {key: result})  # others may write, too
+def run(options: Namespace) -> int:
+    """Train the missing curves, store each, and print the table; return the exit code."""
+    code = tasks.train_and_store(learnt, list(asked(options, read_curves(options.curves))), options)
     print(table(read_curves(options.curves)))
+    return code
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:
@@ -156,6 +145,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
     command.add_argument("--parts", nargs="+", default=list(PARTS), help="parts to remove; default: each")
     command.add_argument("--seeds", default="200-204", help="such as 200-204 or 200,202; default: 200-204")
     command.add_argument("--curves", type=Path, default=FILE, help="file of the curves")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
     add_jobs_argument(command)
     options = parsed(command, arguments, **QUICK)
     for name, known, kind in ((options.tasks, EPISODES, "task"), (options.parts, PARTS, "part")):

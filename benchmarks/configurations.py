@@ -24,7 +24,7 @@ from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
-from rkhs_ros.base.validation import pick, require
+from rkhs_ros.base.validation import require
 from rkhs_ros.learning.training_settings import NoModel
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -34,7 +34,7 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from rkhs_ros.studies.workers import run_parallel
-from trial import median_until
+from trial import lines_of, median_until
 
 NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none
 
@@ -168,9 +168,7 @@ def as_csv(results: Iterable[Result]) -> str:
 
 def read_results(path: Path) -> list[Result]:
     """Return the results in a file of `as_csv`."""
-    with path.open(newline="") as file:
-        head, *lines = list(csv.reader(file)) or [[]]
-    require(tuple(head) == Result._fields, f"{path}", f"a first line {','.join(Result._fields)}", ",".join(head))
+    lines = lines_of(path, Result._fields)
     return [Result(name, int(seed), int(used), *map(float, rest)) for name, seed, used, *rest in lines]
 
 
@@ -272,7 +270,7 @@ def main(options: Namespace) -> None:
     work = [
         (name, seed, changes)
         for name in ([] if options.tables else options.names or names())
-        for seed in parse_seeds(options.seeds or seeds_of(pick(name, dict.fromkeys(names()), "configuration")))
+        for seed in parse_seeds(options.seeds or seeds_of(name))
     ]
     for result in run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick):
         results[result.name, result.seed] = result

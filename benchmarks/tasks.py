@@ -11,7 +11,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import signal
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from trial import TASKS, Curves, Key, Point, Task, Trial, read_curves, write_cur
 CURVES = RESULTS / "curves.csv"
 BUDGET = 100  # episodes of learners without a model
 TABLES: dict[str, Mapping[str, Any]] = {"tasks": TASKS, "learners": LEARNERS}
+Learn = Callable[[Key, Trial], tuple[Key, list[Point] | str]]  # returns the curve, or the error if it failed
 QUICK = {"tasks": ["cart-pole"], "learners": ["linear-cma-es"], "seeds": "100"}
 
 
@@ -82,21 +83,13 @@ def reached(key: Key, curve: Sequence[Point]) -> str:
     return f"{key.task} by {key.learner}, seed {key.seed}: episodes until a return of {', of '.join(counts)}"
 
 
-def run(options: Namespace) -> int:
-    """Train the missing curves, and store each, or make the table of all; return the exit code.
-
-    The page is made of its own curves alone; of another file, the table is printed.
-    """
-    curves, failed = read_curves(options.curves), False
-    if options.table:
-        require(len(curves) > 0, f"{options.curves}", "a file of curves", "none")
-        print(summary(cells_of(curves))) if options.curves != CURVES.resolve() else make_table(curves)
-        return 0
+def train_and_store(learn: Learn, work: Sequence[tuple[Key, Trial]], options: Namespace) -> int:
+    """Train, store each curve when it is finished, and return the exit code."""
     options.curves.parent.mkdir(parents=True, exist_ok=True)
-    work = list(asked(options, curves))
     if not work:
         print("nothing to train")
-    for key, result in run_parallel(learnt, work, jobs=options.jobs, title="tasks", quiet=options.quiet):
+    failed = False
+    for key, result in run_parallel(learn, work, jobs=options.jobs, title="curves", quiet=options.quiet):
         if isinstance(result, str):
             failed = True
             print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
@@ -104,6 +97,22 @@ def run(options: Namespace) -> int:
             write_curves(options.curves, read_curves(options.curves) | {key: result})  # others may write, too
             print(reached(key, result), flush=True)
     return FAILED if failed else 0
+
+
+def run(options: Namespace) -> int:
+    """Train the missing curves, and store each, or make the table of all; return the exit code.
+
+    The page is made of its own curves alone; of another file, the table is printed.
+    """
+    curves = read_curves(options.curves)
+    if options.table:
+        require(len(curves) > 0, f"{options.curves}", "a file of curves", "none")
+        if options.curves == CURVES.resolve():
+            make_table(curves)
+        else:
+            print(summary(cells_of(curves)))
+        return 0
+    return train_and_store(learnt, list(asked(options, curves)), options)
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:

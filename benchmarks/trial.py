@@ -2,7 +2,7 @@
 
 import csv
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -240,6 +240,18 @@ Curves = dict[Key, list[Point]]
 HEAD = (*Key._fields, *Point._fields)
 
 
+def lines_of(path: Path, head: Sequence[str]) -> list[list[str]]:
+    """Return the lines of a CSV file below its head.
+
+    Raises:
+        ValueError: the file has another head.
+    """
+    with path.open(newline="") as file:
+        first, *lines = list(csv.reader(file)) or [[]]
+    require(first == [*head], f"{path}", f"a first line {','.join(head)}", ",".join(first))
+    return lines
+
+
 def read_curves(path: Path) -> Curves:
     """Return the curves of a file; none if it does not exist.
 
@@ -247,12 +259,7 @@ def read_curves(path: Path) -> Curves:
         ValueError: the file has another content.
     """
     curves: Curves = {}
-    if not path.exists():
-        return curves
-    with path.open(newline="") as file:
-        head, *lines = list(csv.reader(file)) or [[]]
-    require(tuple(head) == HEAD, f"{path}", f"a first line {','.join(HEAD)}", ",".join(head))
-    for number, line in enumerate(lines, 2):
+    for number, line in enumerate(lines_of(path, HEAD) if path.exists() else [], 2):
         try:
             task, learner, seed, episodes, steps, *rest, repeat = line
             point = Point(int(episodes), int(steps), *map(float, rest), int(repeat))

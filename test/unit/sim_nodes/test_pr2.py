@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -36,6 +37,7 @@ def task() -> Iterator[PR2Door]:
 
 @pytest.fixture
 def angles(rng: np.random.Generator) -> np.ndarray:
+    """Angles of the arm within its limits, shape (20, 7)."""
     return rng.uniform(np.maximum(CHAIN.lower, -3.0), np.minimum(CHAIN.upper, 3.0), (20, 7))
 
 
@@ -208,6 +210,14 @@ def test_an_episode_is_bit_identical_after_others_and_in_a_new_world(task: PR2Do
     other.close_extras()
     assert digest(trajectory(other, np.array([-0.01, 0.02, 0.03]), [0.0, 0.0])) == alone
     other.close()
+
+
+def test_an_episode_is_bit_identical_in_another_process(task: PR2Door) -> None:
+    code = "import test_pr2; print(*test_pr2.digests_of_some_episodes(test_pr2.PR2Door()))"
+    path = [*sys.path, str(Path(__file__).parent)]
+    setup = f"import sys; sys.path[:] = {path!r}; "
+    ended = subprocess.run([sys.executable, "-c", setup + code], capture_output=True, text=True, check=True)
+    assert ended.stdout.split("\n")[-2].split() == digests_of_some_episodes(task)
 
 
 # The environment
