@@ -23,7 +23,7 @@ from rkhs_ros.learning.model_based.training_in_model import inputs_may_change
 from rkhs_ros.learning.state import Known, settings_of
 from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.spaces import NO_BOUND, Spaces
+from rkhs_ros.policies.spaces import Spaces
 
 NOT_TESTED = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
 TOO_FAST = 0.6  # change per decision above which the policy hardly reacts, in standard deviations
@@ -110,7 +110,7 @@ class TaskCheck:
 
     def problems(self) -> list[str]:
         """Return what no setting of a run mends, each with what to do about it; empty if there is nothing."""
-        is_bounded = bool((np.abs([self.spaces.action_low, self.spaces.action_high]) < NO_BOUND).all())
+        is_bounded = bool(np.isfinite([self.spaces.action_low, self.spaces.action_high]).all())
         found = {
             "reward: give one that changes": not self._reward_varies(),
             "observations: give some that change": self.episodes.horizon > 1 and not self.change_per_step > 0.0,

@@ -35,7 +35,7 @@ class Spaces:
     action_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a shape, a bound or the number of names is invalid."""
+        """Replace bounds that are none; raise ValueError if a shape, a bound or the number of names is invalid."""
         low, high = self.action_low, self.action_high
         good = all(isinstance(size, int) and size >= 0 for size in self.observation_shape)
         require(good, "observation_shape", "whole numbers >= 0", self.observation_shape)
@@ -43,6 +43,9 @@ class Spaces:
         same = low.shape == high.shape and low.dtype == high.dtype
         require(same, "action_high", "the shape and type of action_low", high)
         require(bool((low <= high).all()), "action_low", "at most action_high", low)
+        for name, bound in (("action_low", low), ("action_high", high)):
+            is_bound = np.abs(bound.astype(np.float64)) < NO_BOUND
+            object.__setattr__(self, name, np.where(is_bound, bound, np.copysign(np.inf, bound)))
         for kind, size in (("observation", self.observation_dim), ("action", self.action_dim)):
             names = getattr(self, f"{kind}_names")
             require(len(names) in (0, size), f"{kind}_names", f"{size} names or none", ", ".join(names))
@@ -82,8 +85,7 @@ class Spaces:
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        low, high = self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
-        return np.where(low > -NO_BOUND, low, -np.inf), np.where(high < NO_BOUND, high, np.inf)
+        return self.action_low.ravel().astype(np.float64), self.action_high.ravel().astype(np.float64)
 
     def shaped(self, actions: Array) -> NDArray[np.floating[Any]]:
         """Return clipped actions, shape (batch, action_dim), in the task's shape and type: shape (batch, ...)."""
