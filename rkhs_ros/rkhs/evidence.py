@@ -14,11 +14,28 @@ from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky
 
 LINEAR_SD = 3.0  # tau: prior sd of the linear coefficients, relative to the kernel part's values
 NOISES = np.geomspace(1e-8, 1.0, 25)  # candidates for lambda; the evidence selects one per target
-BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)  # times sqrt(d / 2), the typical distance of points in d dimensions
-FINE_BANDWIDTHS = (0.4, 0.63, *BANDWIDTHS)  # for functions that may have narrow peaks
+BANDWIDTHS = (1.0, 1.6, 2.5, 4.0, 6.3)
+FINE_BANDWIDTHS = (0.4, 0.63, *BANDWIDTHS)  # for functions that may have narrow peaks or kinks
 NEWTON_TOLERANCE = 1e-8
 LEAST_RESIDUAL = 1e-12  # residuals below this fraction of the targets' square are rounding errors
 TINY = 1e-300
+
+
+class Hyperprior(NamedTuple):
+    """The hyper-parameters that a regression may choose.
+
+    Attributes:
+        bandwidths: times sqrt(d / 2), the typical distance of points in d dimensions.
+        metric_bandwidths: the same for the fits that learn a metric.
+        most_signal: greatest s, relative to the targets' standard deviation.
+    """
+
+    bandwidths: Sequence[float] = BANDWIDTHS
+    metric_bandwidths: Sequence[float] = BANDWIDTHS
+    most_signal: float = np.inf
+
+
+SMOOTH = Hyperprior()
 
 
 class Coefficients(NamedTuple):
@@ -55,7 +72,14 @@ class Fit(NamedTuple):
     coefficients: Coefficients
 
 
-def best_fit(x: Array, targets: Array, roots: Array, centres: int, bandwidths: Sequence[float] = BANDWIDTHS) -> Fit:
+def best_fit(
+    x: Array,
+    targets: Array,
+    roots: Array,
+    centres: int,
+    bandwidths: Sequence[float] = BANDWIDTHS,
+    most_signal: float = np.inf,
+) -> Fit:
     """Fit the regression with each bandwidth and return the fit with the greatest evidence.
 
     Args:
@@ -63,15 +87,17 @@ def best_fit(x: Array, targets: Array, roots: Array, centres: int, bandwidths: S
         targets: standardised targets, shape (points, k).
         roots: square roots of the points' weights, shape (points, 1).
         centres: maximum number of centres of the kernel part.
-        bandwidths: candidates, times sqrt(d / 2).
+        bandwidths: see `Hyperprior`.
+        most_signal: see `Hyperprior`.
     """
-    return max((_fit(b, x, targets, roots, centres) for b in bandwidths), key=lambda fit: fit.evidence)
+    fits = [_fit(bandwidth, x, targets, roots, centres, most_signal) for bandwidth in bandwidths]
+    return max(fits, key=lambda fit: fit.evidence)
 
 
-def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int) -> Fit:
+def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int, most_signal: float) -> Fit:
     kernel = RBF((bandwidth * float(np.sqrt(x.shape[1] / 2.0)),))
     chosen = pivoted_cholesky(kernel, x, centres, NEWTON_TOLERANCE)
-    evidence, coefficients = regress(features_of(x, chosen.values), targets, roots)
+    evidence, coefficients = regress(features_of(x, chosen.values), targets, roots, most_signal)
     return Fit(NewtonBasis.of(kernel, x, chosen), kernel.bandwidth[0], evidence, coefficients)
 
 
@@ -80,21 +106,22 @@ def features_of(x: Array, values: Array) -> Array:
     return np.concatenate([LINEAR_SD * np.ones((len(x), 1)), LINEAR_SD * x, values], axis=1)
 
 
-def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coefficients]:
+def regress(features: Array, targets: Array, roots: Array, most_signal: float = np.inf) -> tuple[float, Coefficients]:
     r"""Return the greatest evidence and its posterior; each target has its own noise.
 
     With the eigenvalues e of :math:`\Phi^\top \Phi` and :math:`c = U^\top \Phi^\top y`,
 
     .. math:: q = y^\top (\Phi \Phi^\top + \lambda I)^{-1} y
             = \frac1\lambda \Big(y^\top y - \sum_i \frac{c_i^2}{e_i + \lambda}\Big), \qquad
-        -2 \log p = n \log \frac{q}{n} + \sum_i \log(e_i + \lambda) + (n - p) \log \lambda
+        -2 \log p = n \log s^2 + \frac{q}{s^2} + \sum_i \log(e_i + \lambda) + (n - p) \log \lambda
 
-    at the best :math:`s^2 = q / n` (Rasmussen and Williams, 2006, Eq 5.8).
+    at the best :math:`s^2 = q / n` (Rasmussen and Williams, 2006, Eq 5.8), or at the greatest one.
 
     Args:
         features: shape (points, p).
         targets: shape (points, k).
         roots: square roots of the points' weights, shape (points, 1); n is the sum of the weights.
+        most_signal: greatest s.
     """
     features, targets = roots * features, roots * targets
     n, p = float(np.sum(roots**2)), features.shape[1]
@@ -105,9 +132,10 @@ def regress(features: Array, targets: Array, roots: Array) -> tuple[float, Coeff
     evidences, signals = [], []
     for noise in NOISES:
         explained = np.sum(along**2 / (values + noise), axis=0)
-        signal = np.maximum(squares - explained, LEAST_RESIDUAL * squares + TINY) / (noise * n)
+        best_signal = np.maximum(squares - explained, LEAST_RESIDUAL * squares + TINY) / (noise * n)
+        signal = np.minimum(best_signal, most_signal**2)
         volume = np.sum(np.log(values + noise)) + (n - p) * np.log(noise)
-        evidences.append(-0.5 * (n * np.log(signal) + volume))
+        evidences.append(-0.5 * (n * np.log(signal) + n * (best_signal / signal - 1.0) + volume))
         signals.append(signal)
     best = np.argmax(evidences, axis=0)
     columns = np.arange(targets.shape[1])

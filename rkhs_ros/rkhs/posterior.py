@@ -12,7 +12,7 @@ exact Gaussian process; with m centres it takes O(n m^2) for n points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtri
 
-from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, Coefficients, best_fit, features_of
+from rkhs_ros.rkhs.evidence import LINEAR_SD, SMOOTH, Coefficients, Hyperprior, best_fit, features_of
 from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
 from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric
 from rkhs_ros.rkhs.newton import NewtonBasis
@@ -58,7 +58,7 @@ class Posterior:
         weights: Array | None = None,
         *,
         centred: bool = False,
-        bandwidths: Sequence[float] = BANDWIDTHS,
+        hyperprior: Hyperprior = SMOOTH,
     ) -> Posterior:
         """Fit the posterior with the coordinates, the bandwidth and the noises of the greatest evidence.
 
@@ -70,13 +70,16 @@ class Posterior:
             centres: maximum number of centres of the kernel part.
             weights: weight of each point, shape (n,); None for 1.
             centred: also try the centred metric; see `rkhs_ros.rkhs.metric_learning`.
-            bandwidths: candidates, times sqrt(d / 2).
+            hyperprior: hyper-parameters that are possible.
         """
         units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        regress = partial(best_fit, centres=centres, bandwidths=bandwidths)
+        bandwidths, narrow, most_signal = hyperprior
+        regress = partial(best_fit, centres=centres, bandwidths=narrow, most_signal=most_signal)
         coordinates, best = fit_metric(Coordinates(units), points, y, roots, regress, centred=centred)
+        if bandwidths != narrow:
+            best = best_fit(coordinates.of(points), y, roots, centres, bandwidths, most_signal)
         return cls(coordinates, of_targets, best.basis, best.bandwidth, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

@@ -18,13 +18,17 @@ from rkhs_ros.learning.model.termination import TerminalReward
 from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.evidence import BANDWIDTHS, FINE_BANDWIDTHS
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, FINE_BANDWIDTHS, Hyperprior
 from rkhs_ros.rkhs.kernels import Array, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
 MOSTLY = 0.7  # part of the rewards' standard deviation that a cost of the actions may leave unexplained to be used
 ALMOST = 0.01  # the same if states are to make no difference
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
+PEAKS = Hyperprior(FINE_BANDWIDTHS, FINE_BANDWIDTHS)  # the goal alone earns more
+# A distance has a kink. Narrow kernels follow it, so they find out what the distance is of. Wide ones in this metric
+# know more between the steps, unless their size is free: huge ones follow the kink, too, and are wrong beside the data.
+KINKS = Hyperprior(BANDWIDTHS, FINE_BANDWIDTHS, most_signal=3.0)
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,8 @@ class Rewards:
         cost = ActionCost.fit(steps.actions[goes_on], earned, spaces, MOSTLY)
         others = steps.rewards if cost is None else steps.rewards - cost(steps.actions)
         targets = others[goes_on, None]
-        bandwidths = FINE_BANDWIDTHS if are_rare else BANDWIDTHS  # the goal alone earns more
-        fits = [Posterior.fit(p[goes_on], targets, centres, bandwidths=bandwidths) for p in (steps.points, leads)]
+        hyperprior = PEAKS if are_rare else KINKS
+        fits = [Posterior.fit(p[goes_on], targets, centres, hyperprior=hyperprior) for p in (steps.points, leads)]
         depends_on_next = fits[1].evidence > fits[0].evidence
         best, points = (fits[1], leads) if depends_on_next else (fits[0], steps.points)
         ended, terminal = steps.terminated, TerminalReward()

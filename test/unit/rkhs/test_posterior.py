@@ -11,12 +11,16 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 
 from rkhs_ros.rkhs import metric_learning
-from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, regress
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, Hyperprior, regress
 from rkhs_ros.rkhs.posterior import Posterior
 
 N, D = 200, 5
 FULL = BANDWIDTHS[:3]  # with these, all points of the tests become centres
 FitWith = Callable[..., Posterior]
+
+
+def only(bandwidth: float, most_signal: float = np.inf) -> Hyperprior:
+    return Hyperprior((bandwidth,), (bandwidth,), most_signal)
 
 
 def points_of(rng: np.random.Generator, n: int = N) -> np.ndarray:
@@ -59,7 +63,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def fit_with(plain: None) -> FitWith:
     """Fit with one bandwidth and all points as centres."""
-    return lambda bandwidth, x, y: Posterior.fit(x, y, len(x), bandwidths=(bandwidth,))
+    return lambda bandwidth, x, y, *rest: Posterior.fit(x, y, len(x), hyperprior=only(bandwidth, *rest))
 
 
 @pytest.mark.parametrize("bandwidth", [FULL[0], FULL[-1]])
@@ -79,7 +83,7 @@ def test_with_all_points_as_centres_it_matches_scikit_learn(
 def test_with_a_learnt_metric_it_matches_scikit_learn(rng: np.random.Generator) -> None:
     x, elsewhere = points_of(rng), points_of(rng, 100)
     y = targets_of(rng, x)
-    fitted = Posterior.fit(x, y, len(x), bandwidths=(0.25,))
+    fitted = Posterior.fit(x, y, len(x), hyperprior=only(0.25))
     assert fitted.points.axes is not None
     assert len(fitted.basis.centres) == N
     mean, covariance = predicted(oracle(fitted, x, y), fitted, elsewhere)
@@ -87,16 +91,20 @@ def test_with_a_learnt_metric_it_matches_scikit_learn(rng: np.random.Generator) 
     np.testing.assert_allclose(fitted.sd(elsewhere)[:, 0], np.sqrt(np.diag(covariance)), rtol=1e-2)
 
 
-def test_the_evidence_matches_scikit_learn_up_to_a_constant(fit_with: FitWith, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("most_signal", [np.inf, 0.1])
+def test_the_evidence_matches_scikit_learn_up_to_a_constant(
+    fit_with: FitWith, rng: np.random.Generator, most_signal: float
+) -> None:
     x = points_of(rng)
     y = targets_of(rng, x)
     differences = []
     for bandwidth in FULL:
-        fitted = fit_with(bandwidth, x, y)
+        fitted = fit_with(bandwidth, x, y, most_signal)
+        assert (fitted.coefficients.signal == most_signal) == (most_signal == 0.1)
         features, targets = fitted.features(x), fitted.targets.standardise(y)
-        ours = regress(features, targets, np.ones((len(features), 1)))[0]
+        ours = regress(features, targets, np.ones((len(features), 1)), most_signal)[0]
         differences.append(oracle(fitted, x, y).log_marginal_likelihood_value_ - ours)
-    # At the best signal the quadratic form of the density is n.
+    # The quadratic form of the density is n at the best signal, without a limit.
     np.testing.assert_allclose(differences, -0.5 * N * (1.0 + np.log(2.0 * np.pi)), rtol=1e-9)
 
 
