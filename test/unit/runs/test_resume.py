@@ -77,7 +77,7 @@ def test_a_run_stopped_anywhere_resumes_bit_identically(tmp_path: Path, whole: d
 
 def test_a_run_with_a_model_resumes_the_policy_that_explores_as_well_as_the_recommended_one(tmp_path: Path) -> None:
     model = ModelBased(updates=5, rollouts=4, centres=30, discovery="none")
-    training = replace(TRAINING, iterations=5, horizon=10, model=model)
+    training = replace(TRAINING, iterations=5, horizon=6, model=model)
     for seed in range(20):  # in which of them the two policies differ depends on rounding
         config = replace(CONFIG, training=replace(training, seed=seed))
         whole = run_training(config, Stopping(), tmp_path / f"whole{seed}", quiet=True)
