@@ -52,8 +52,8 @@ def trial_of(task: Task, learner: str, seed: int, repeat: int = 1) -> Trial:
 
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
     """Yield the missing curves whose packages are installed, and report the others."""
-    for task in options.tasks:
-        for learner in options.learners:
+    for task in dict.fromkeys(options.tasks):
+        for learner in dict.fromkeys(options.learners):
             chosen, repeat = LEARNERS[learner], repeat_of(curves, task)
             if absent := missing((*TASKS[task].packages, *chosen.packages)):
                 print(f"skipped: {task} by {learner}: expected {', '.join(absent)} to be installed", file=sys.stderr)

@@ -96,4 +96,6 @@ def error_message(error: Exception) -> str:
     text = str(error)
     if isinstance(error, FileNotFoundError) and error.filename is not None:
         text = f"{error.filename}: expected an existing file or folder, got none"
+    elif isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror.lower()}"
     return " ".join(text.splitlines())

@@ -72,6 +72,7 @@ def test_a_missing_file_gives_one_line(rkhs: Run, tmp_path: Path) -> None:
     assert_refused(rkhs("train", "Pendulum-v1"), "no such configuration. For an environment, use --env Pendulum-v1\n")
     assert_refused(rkhs("train", tmp_path, *SHORT), f"{tmp_path}: expected a configuration file, got a folder\n")
     assert_refused(rkhs("evaluate", "none"), "none: expected an existing file or folder, got none")
+    assert_refused(rkhs("train", CONFIG, *SHORT, "--out", Path(__file__) / "run"), "run: not a directory\n")
     assert list(tmp_path.iterdir()) == []
 
 
