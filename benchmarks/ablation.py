@@ -30,7 +30,7 @@ from rkhs_ros.learning.model_based import training_in_model
 from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
-from rkhs_ros.rkhs.evidence import BANDWIDTHS
+from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
 from task_table import RESULTS, Cell, shown
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
@@ -90,7 +90,15 @@ PARTS: dict[str, Part] = {
     "walls": (lambda: patch.object(ModelRunner, "_beyond", _nowhere), EPISODES),
     "limits": (lambda: patch.object(termination.Limits, "of", lambda *its: None), ("ball-on-beam",)),
     "terminal function": (lambda: patch.object(termination, "FEWEST_ENDS", NEVER), ("ball-on-beam",)),
-    "narrow bandwidths": (lambda: patch.object(rewards, "FINE_BANDWIDTHS", BANDWIDTHS), EPISODES),
+    "narrow peaks": (lambda: patch.object(rewards, "PEAKS", SMOOTH), ("MountainCarContinuous-v0",)),
+    "narrow metric": (
+        lambda: patch.object(rewards, "KINKS", rewards.KINKS._replace(metric_bandwidths=BANDWIDTHS)),
+        EPISODES,
+    ),
+    "limited rewards": (
+        lambda: patch.object(rewards, "KINKS", rewards.KINKS._replace(most_signal=np.inf)),
+        EPISODES,
+    ),
     "cost of actions": (lambda: patch.object(rewards, "MOSTLY", 0.0), ("Reacher-v5", "MountainCarContinuous-v0")),
 }
 
