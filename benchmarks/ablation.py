@@ -95,8 +95,8 @@ PARTS: dict[str, Part] = {
         lambda: patch.object(rewards, "KINKS", rewards.KINKS._replace(metric_bandwidths=BANDWIDTHS)),
         EPISODES,
     ),
-    "limited rewards": (
-        lambda: patch.object(rewards, "KINKS", rewards.KINKS._replace(most_signal=np.inf)),
+    "bounded rewards": (
+        lambda: patch.object(rewards, "KINKS", rewards.KINKS._replace(bounded=False)),
         EPISODES,
     ),
     "cost of actions": (lambda: patch.object(rewards, "MOSTLY", 0.0), ("Reacher-v5", "MountainCarContinuous-v0")),

@@ -27,12 +27,12 @@ class Hyperprior(NamedTuple):
     Attributes:
         bandwidths: times sqrt(d / 2), the typical distance of points in d dimensions.
         metric_bandwidths: the same for the fits that learn a metric.
-        most_signal: greatest s, relative to the targets' standard deviation.
+        bounded: whether s is at most the range of the targets.
     """
 
     bandwidths: Sequence[float] = BANDWIDTHS
     metric_bandwidths: Sequence[float] = BANDWIDTHS
-    most_signal: float = np.inf
+    bounded: bool = False
 
 
 SMOOTH = Hyperprior()
@@ -78,7 +78,8 @@ def best_fit(
     roots: Array,
     centres: int,
     bandwidths: Sequence[float] = BANDWIDTHS,
-    most_signal: float = np.inf,
+    *,
+    bounded: bool = False,
 ) -> Fit:
     """Fit the regression with each bandwidth and return the fit with the greatest evidence.
 
@@ -88,16 +89,16 @@ def best_fit(
         roots: square roots of the points' weights, shape (points, 1).
         centres: maximum number of centres of the kernel part.
         bandwidths: see `Hyperprior`.
-        most_signal: see `Hyperprior`.
+        bounded: see `Hyperprior`.
     """
-    fits = [_fit(bandwidth, x, targets, roots, centres, most_signal) for bandwidth in bandwidths]
+    fits = [_fit(bandwidth, x, targets, roots, centres, bounded=bounded) for bandwidth in bandwidths]
     return max(fits, key=lambda fit: fit.evidence)
 
 
-def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int, most_signal: float) -> Fit:
+def _fit(bandwidth: float, x: Array, targets: Array, roots: Array, centres: int, *, bounded: bool) -> Fit:
     kernel = RBF((bandwidth * float(np.sqrt(x.shape[1] / 2.0)),))
     chosen = pivoted_cholesky(kernel, x, centres, NEWTON_TOLERANCE)
-    evidence, coefficients = regress(features_of(x, chosen.values), targets, roots, most_signal)
+    evidence, coefficients = regress(features_of(x, chosen.values), targets, roots, bounded=bounded)
     return Fit(NewtonBasis.of(kernel, x, chosen), kernel.bandwidth[0], evidence, coefficients)
 
 
@@ -106,7 +107,7 @@ def features_of(x: Array, values: Array) -> Array:
     return np.concatenate([LINEAR_SD * np.ones((len(x), 1)), LINEAR_SD * x, values], axis=1)
 
 
-def regress(features: Array, targets: Array, roots: Array, most_signal: float = np.inf) -> tuple[float, Coefficients]:
+def regress(features: Array, targets: Array, roots: Array, *, bounded: bool = False) -> tuple[float, Coefficients]:
     r"""Return the greatest evidence and its posterior; each target has its own noise.
 
     With the eigenvalues e of :math:`\Phi^\top \Phi` and :math:`c = U^\top \Phi^\top y`,
@@ -115,14 +116,15 @@ def regress(features: Array, targets: Array, roots: Array, most_signal: float = 
             = \frac1\lambda \Big(y^\top y - \sum_i \frac{c_i^2}{e_i + \lambda}\Big), \qquad
         -2 \log p = n \log s^2 + \frac{q}{s^2} + \sum_i \log(e_i + \lambda) + (n - p) \log \lambda
 
-    at the best :math:`s^2 = q / n` (Rasmussen and Williams, 2006, Eq 5.8), or at the greatest one.
+    at the best :math:`s^2 = q / n` (Rasmussen and Williams, 2006, Eq 5.8), or at its bound.
 
     Args:
         features: shape (points, p).
         targets: shape (points, k).
         roots: square roots of the points' weights, shape (points, 1); n is the sum of the weights.
-        most_signal: greatest s.
+        bounded: see `Hyperprior`.
     """
+    most_signal = np.maximum(np.ptp(targets, axis=0), 1.0) if bounded else np.inf  # 1: of targets that are all zero
     features, targets = roots * features, roots * targets
     n, p = float(np.sum(roots**2)), features.shape[1]
     values, axes = np.linalg.eigh(features.T @ features)
