@@ -25,7 +25,7 @@ from rkhs_ros.rkhs.posterior import Posterior
 MOSTLY = 0.7  # part of the rewards' standard deviation that a cost of the actions may leave unexplained to be used
 ALMOST = 0.01  # the same if states are to make no difference
 FEWEST_PER_COST = 2  # steps per coefficient of a cost that is fitted to them
-PEAKS = Hyperprior(FINE_BANDWIDTHS, FINE_BANDWIDTHS, bounded=True)  # the goal alone earns more
+PEAKS = Hyperprior(FINE_BANDWIDTHS, FINE_BANDWIDTHS)  # the goal alone earns more
 # A distance has a kink. Narrow kernels follow it, so they find out what the distance is of. Wide ones in this metric
 # know more between the steps, unless their size is free: huge ones follow the kink, too, and are wrong beside the data.
 KINKS = Hyperprior(BANDWIDTHS, FINE_BANDWIDTHS, bounded=True)
