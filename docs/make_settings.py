@@ -9,7 +9,8 @@ from typing import Any
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES
-from rkhs_ros.learning.training_settings import MODELS, Training
+from rkhs_ros.learning.training_settings import MODELS, ModelBased, NoModel, Training, training_from
+from rkhs_ros.runs.defaults import settings_for
 
 PAGE = Path(__file__).with_name("settings.md")
 CHOICES = ("algorithm.name", "model.form")
@@ -47,9 +48,18 @@ def page() -> str:
         *of_classes(STEP_RULES, "algorithm.step."),
         f"## Model\n\n`model.form` selects one: {names(MODELS)}. For when to use a model, "
         "see [model-based training](model_based.md).\n",
-        *of_classes(MODELS, "model."),
+        section("### `none`", f"{first_line(NoModel)}\n\nWith `rkhs_nac`, other defaults: {without_model()}.", []),
+        section("### `gaussian_process`", first_line(ModelBased), entries(ModelBased(), "model.")),
     ]
     return "\n".join([HEAD, *sections])
+
+
+def without_model() -> str:
+    """Return the defaults that differ without a model."""
+    with_model = {entry.name: entry.value for entry in entries(Training())}
+    others = entries(training_from(settings_for(model="none")))
+    differ = (entry for entry in others if with_model.get(entry.name) not in (None, entry.value))
+    return ", ".join(f"`{entry.name}` `{text(entry.value)}`" for entry in differ if entry.name != "model.form")
 
 
 def is_up_to_date() -> bool:
