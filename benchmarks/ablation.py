@@ -137,7 +137,7 @@ def table(curves: Curves) -> str:
 
 def run(options: Namespace) -> int:
     """Train the missing curves, store each, and print the table; return the exit code."""
-    code = tasks.train_and_store(learnt, list(asked(options, read_curves(options.curves))), options)
+    code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
     print(table(read_curves(options.curves)))
     return code
 

@@ -11,7 +11,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import signal
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,8 @@ def trial_of(task: Task, learner: str, seed: int, repeat: int = 1) -> Trial:
 
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
     """Yield the missing curves whose packages are installed, and report the others."""
-    for task in dict.fromkeys(options.tasks):
-        for learner in dict.fromkeys(options.learners):
+    for task in options.tasks:
+        for learner in options.learners:
             chosen, repeat = LEARNERS[learner], repeat_of(curves, task)
             if absent := missing((*TASKS[task].packages, *chosen.packages)):
                 print(f"skipped: {task} by {learner}: expected {', '.join(absent)} to be installed", file=sys.stderr)
@@ -83,8 +83,9 @@ def reached(key: Key, curve: Sequence[Point]) -> str:
     return f"{key.task} by {key.learner}, seed {key.seed}: episodes until a return of {', of '.join(counts)}"
 
 
-def train_and_store(learn: Learn, work: Sequence[tuple[Key, Trial]], options: Namespace) -> int:
-    """Train, store each curve when it is finished, and return the exit code."""
+def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], options: Namespace) -> int:
+    """Train each curve once, store it when it is finished, and return the exit code."""
+    work = list(dict(asked_for).items())
     options.curves.parent.mkdir(parents=True, exist_ok=True)
     if not work:
         print("nothing to train")
@@ -112,7 +113,7 @@ def run(options: Namespace) -> int:
         else:
             print(summary(cells_of(curves)))
         return 0
-    return train_and_store(learnt, list(asked(options, curves)), options)
+    return train_and_store(learnt, asked(options, curves), options)
 
 
 def options_of(arguments: Sequence[str] | None) -> Namespace:

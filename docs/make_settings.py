@@ -9,7 +9,7 @@ from typing import Any
 from rkhs_ros.base.settings import Entry, entries
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES
-from rkhs_ros.learning.training_settings import MODELS, ModelBased, NoModel, Training, training_from
+from rkhs_ros.learning.training_settings import MODELS, Training, training_from
 from rkhs_ros.runs.defaults import settings_for
 
 PAGE = Path(__file__).with_name("settings.md")
@@ -47,9 +47,9 @@ def page() -> str:
         f"## Step rules\n\n`algorithm.step.rule` selects one: {names(STEP_RULES)}.\n",
         *of_classes(STEP_RULES, "algorithm.step."),
         f"## Model\n\n`model.form` selects one: {names(MODELS)}. For when to use a model, "
-        "see [model-based training](model_based.md).\n",
-        section("### `none`", f"{first_line(NoModel)}\n\nWith `rkhs_nac`, other defaults: {without_model()}.", []),
-        section("### `gaussian_process`", first_line(ModelBased), entries(ModelBased(), "model.")),
+        "see [model-based training](model_based.md).\n\n"
+        f"With `none` and `rkhs_nac`, other defaults: {without_model()}.\n",
+        *of_classes(MODELS, "model."),
     ]
     return "\n".join([HEAD, *sections])
 

@@ -78,7 +78,14 @@ ROUNDS = 3  # maximum number of updates of the metric; stops when the evidence n
 
 
 def fit_metric(
-    plain: Coordinates, points: Array, targets: Array, roots: Array, regress: Regression, *, centred: bool = False
+    plain: Coordinates,
+    points: Array,
+    targets: Array,
+    roots: Array,
+    regress: Regression,
+    final: Regression | None = None,
+    *,
+    centred: bool = False,
 ) -> tuple[Coordinates, Fit]:
     """Return the coordinates with the greatest evidence, plain or with a learnt metric, and a fit in them.
 
@@ -90,6 +97,7 @@ def fit_metric(
         targets: standardised values of the functions, shape (n, k).
         roots: square roots of the points' weights, shape (n, 1).
         regress: fits the regression, see `best_fit`.
+        final: fits it in the learnt coordinates; None for the same.
         centred: also try the centred metric, and return the one with the greater evidence.
     """
     some, their_targets, their_roots = (subsample(each, MOST_FITTED) for each in (points, targets, roots))
@@ -99,8 +107,8 @@ def fit_metric(
         for each in ((False, True) if centred else (False,))
     ]
     best, fit = max(tried, key=lambda pair: pair[1].evidence)
-    if len(points) > MOST_FITTED:
-        fit = regress(best.of(points), targets, roots)
+    if final is not None or len(points) > MOST_FITTED:
+        fit = (final or regress)(best.of(points), targets, roots)
     return best, fit
 
 

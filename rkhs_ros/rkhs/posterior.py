@@ -75,11 +75,11 @@ class Posterior:
         units, of_targets = Standardizer.of(points, weights), Standardizer.of(targets, weights)
         y = np.where(spreads(targets, weights) > 0, of_targets.standardise(targets), 0.0)
         roots = np.ones((len(points), 1)) if weights is None else np.sqrt(weights)[:, None]
-        bandwidths, narrow, bounded = hyperprior
-        regress = partial(best_fit, centres=centres, bandwidths=narrow, bounded=bounded)
-        coordinates, best = fit_metric(Coordinates(units), points, y, roots, regress, centred=centred)
-        if bandwidths != narrow:
-            best = best_fit(coordinates.of(points), y, roots, centres, bandwidths, bounded=bounded)
+        regress = partial(best_fit, centres=centres, bounded=hyperprior.bounded)
+        of_metric = partial(regress, bandwidths=hyperprior.metric_bandwidths)
+        alike = hyperprior.bandwidths == hyperprior.metric_bandwidths
+        final = None if alike else partial(regress, bandwidths=hyperprior.bandwidths)
+        coordinates, best = fit_metric(Coordinates(units), points, y, roots, of_metric, final, centred=centred)
         return cls(coordinates, of_targets, best.basis, best.bandwidth, best.coefficients, best.evidence)
 
     def features(self, points: Array) -> Array:

@@ -218,7 +218,9 @@ def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes_later(
     arguments = ("train", CONFIG_FILE, *INLINE, "--iterations", 12, "--set", "horizon=5")
     assert rkhs(*arguments, "--out", "whole")[0] == 0
     disk(500)
-    assert_refused(rkhs(*arguments, "--out", "run"), ": file too large\n", code=1)
+    refused = rkhs(*arguments, "--out", "run")
+    assert_refused(refused, ": file too large\n", code=1)
+    assert "error: run/" in refused.err
     assert_whole(tmp_path / "run")
     disk(-1)
     if (tmp_path / "run" / "config.yaml").exists():
