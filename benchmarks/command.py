@@ -4,12 +4,9 @@ import math
 import sys
 import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from importlib.util import find_spec
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from statistics import median
-from typing import Any, NoReturn
+from typing import Any
 
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
 
@@ -43,25 +40,6 @@ def ended(run: Callable[[], int | None]) -> int:
     except KeyboardInterrupt:
         print("interrupted; finished runs are stored", file=sys.stderr)
         return INTERRUPTED
-
-
-@contextmanager
-def needing(extra: str, hint: str) -> Iterator[None]:
-    """Skip the benchmark if the imports in the block need a missing module.
-
-    Args:
-        extra: name of the module.
-        hint: how to install it.
-    """
-    if find_spec(extra) is None:
-        skip(extra, hint)
-    yield
-
-
-def skip(extra: str, hint: str) -> NoReturn:
-    """Exit with code 0 and one line on stderr that names the missing extra."""
-    print(f"skipped: {Path(sys.argv[0]).name}: expected {extra} to be installed. {hint}", file=sys.stderr)
-    sys.exit(0)
 
 
 def seconds_of(call: Callable[[], object], repeats: int) -> float:

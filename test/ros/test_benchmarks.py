@@ -19,8 +19,5 @@ def test_a_benchmark_runs_quickly(script: Path, tmp_path: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    if done.stderr.startswith("skipped: "):
-        assert done.stderr.startswith(f"skipped: {script.name}: expected ")
-        pytest.skip(done.stderr.strip())
     assert done.stdout
     assert "Traceback" not in done.stderr
