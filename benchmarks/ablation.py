@@ -1,7 +1,7 @@
 """Measure what each part of model-based training earns: train without one part at a time, on seeds that chose none.
 
 Each finished curve is stored in docs/results/ablation.csv at once, with the name of the part in place of the learner's,
-or "all". The same command continues after an interruption, and prints the table of what is stored.
+or "all". The same command continues after an interruption, and makes the table of what is stored.
 """
 
 import os
@@ -31,7 +31,7 @@ from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
-from task_table import RESULTS, Cell, shown
+from task_table import PAGE, RESULTS, Cell, compared, page_with
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
 FILE = RESULTS.parent / "ablation.csv"
@@ -121,24 +121,35 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
 
 
 def table(curves: Curves) -> str:
-    """Return the episodes until the first threshold and the mean return without each part, as Markdown."""
-    lines = [f"| Without | {' | '.join(f'`{task}`' for task in EPISODES)} |", "|---" * (1 + len(EPISODES)) + "|"]
+    """Return the median episodes until the first threshold without each part, and all against it, as Markdown."""
+    heads = ("Without", "Fewer episodes with it", "Higher returns with it", *(f"`{task}`" for task in EPISODES))
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    cells: dict[str, dict[str, Cell]] = {task: {} for task in EPISODES}
+    for task, its in cells.items():
+        for part in (ALL, *PARTS):
+            if stored := [curve for key, curve in curves.items() if key[:2] == (task, part)]:
+                its[part] = Cell(TASKS[task], stored)
     for part in (ALL, *PARTS):
-        cells = []
-        for task in EPISODES:
-            its = [curve for key, curve in curves.items() if key[:2] == (task, part)]
-            cell = Cell(TASKS[task], its)
-            means = [float(cell.returns(curve).mean()) for curve in its]
-            until = shown(cell.until(TASKS[task].thresholds[0], "episodes")) if its else ""
-            cells.append(f"{until}: {np.median(means):.3g}" if its else "")
-        lines.append(f"| {part if part != ALL else 'nothing'} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        both = [its for its in cells.values() if part != ALL and {ALL, part} <= set(its)]
+        gains = [compared(both, ALL, part, how) if both else "" for how in ("episodes", "mean return")]
+        medians = [_median(its[part]) if part in its else "" for its in cells.values()]
+        lines.append(f"| {part if part != ALL else 'nothing'} | {' | '.join([*gains, *medians])} |")
+    return "\n".join([*lines, ""])
+
+
+def _median(cell: Cell) -> str:
+    """Return the median episodes until the first threshold, and the number of seeds."""
+    value = cell.until(cell.task.thresholds[0], "episodes").value
+    return f"{value:g} ({len(cell.curves)})" if np.isfinite(value) else f"never ({len(cell.curves)})"
 
 
 def run(options: Namespace) -> int:
-    """Train the missing curves, store each, and print the table; return the exit code."""
+    """Train the missing curves, store each, and make the table, of its own curves on the page; return the exit code."""
     code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
-    print(table(read_curves(options.curves)))
+    made = table(read_curves(options.curves))
+    print(made)
+    if options.curves == FILE:
+        PAGE.write_text(page_with(made, "ablation"))
     return code
 
 

@@ -23,7 +23,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
 RESULTS = PAGE.parent / "results" / "tasks"
 TABLE = RESULTS / "table.csv"
 PUBLISHED = RESULTS / "published.csv"  # by others
-BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
+END = "<!-- end -->\n"  # of a part that a benchmark makes
 AFTER = (5, 10, 20, 50, 100)  # episodes
 SCORES = ("episodes", "steps", "return")
 COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
@@ -62,9 +62,11 @@ class Cell(NamedTuple):
         return median_until(np.array([its[0] if its else np.inf for its in counts]))
 
     def scores(self, how: str) -> Array:
-        """Return a score of each curve: minus the episodes or steps to the first threshold, or the last return."""
+        """Return a score of each curve: minus the episodes or steps to the first threshold, the last or mean return."""
         if how == "return":
             return np.array([self.returns(curve)[-1] for curve in self.curves])
+        if how == "mean return":
+            return np.array([self.returns(curve).mean() for curve in self.curves])
         return -self.counts(self.task.thresholds[0], how)
 
     def after(self, episodes: int) -> Array:
@@ -182,10 +184,7 @@ def summary(cells: Cells) -> str:
     for learner in learners:
         both = [its for its in cells.values() if learner != "ours" and {"ours", learner} <= set(its)]
         if both:
-            found = [
-                _share(improvement(*([its[each].scores(how) for its in both] for each in ("ours", learner))))
-                for how in SCORES
-            ]
+            found = [compared(both, "ours", learner, how) for how in SCORES]
             lines.append(f"| `{learner}` | {len(both)} | {' | '.join(found)} |")
     return "\n".join([*lines, "", *published(cells), ""])
 
@@ -206,8 +205,10 @@ def published(cells: Cells) -> list[str]:
     return lines
 
 
-def _share(estimate: Estimate) -> str:
-    return f"{estimate.value:.0%} [{estimate.low:.0%}, {estimate.high:.0%}]"
+def compared(both: Sequence[Mapping[str, Cell]], one: str, other: str, how: str) -> str:
+    """Return the probability that one learner has a better score than the other, over tasks with cells of both."""
+    found = improvement(*([its[each].scores(how) for its in both] for each in (one, other)))
+    return f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
 
 
 def improvement(ours: Sequence[Array], theirs: Sequence[Array]) -> Estimate:
@@ -323,7 +324,8 @@ def make_table(curves: Curves) -> None:
         figure.savefig(RESULTS / f"{name}.png", dpi=100)
 
 
-def page_with(summary: str) -> str:
-    """Return the page with a summary in place of its own."""
-    before, rest = PAGE.read_text().split(BEGIN)
-    return before + BEGIN + "\n" + summary + "\n" + END + rest.split(END)[1]
+def page_with(part: str, maker: str = "tasks") -> str:
+    """Return the page with another text for the part that a benchmark makes."""
+    begin = f"<!-- made by benchmarks/{maker}.py -->\n"
+    before, rest = PAGE.read_text().split(begin)
+    return before + begin + "\n" + part + "\n" + END + rest.split(END, 1)[1]

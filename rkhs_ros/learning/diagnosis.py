@@ -78,8 +78,9 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
 
 
 def _gap(summary: Summary) -> float:
-    """Return the difference of the two returns relative to the larger one."""
+    """Return the difference between the returns in the model and without noise, or with it, relative to the larger."""
     model, real = summary.model_return, summary.evaluation_return
+    real = summary.exploration_return if isnan(real) else real
     return (model - real) / max(abs(model), abs(real)) if model != real else 0.0
 
 
@@ -97,7 +98,7 @@ def saturates(recent: Sequence[Summary]) -> bool:
 def predicts_badly(recent: Sequence[Summary]) -> bool:
     """Return whether the newest model and most of those before predicted both steps and returns badly."""
     last = [each for each in recent if not isnan(each.model_error)][-TESTS:]
-    bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]  # nan without an evaluation
+    bad = [each.model_error >= BAD and not abs(_gap(each)) <= ALIKE for each in last]
     return len(bad) == TESTS and bad[-1] and sum(bad) > TESTS / 2
 
 

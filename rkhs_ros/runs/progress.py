@@ -1,4 +1,4 @@
-"""Progress display of runs: a bar in a terminal, otherwise a line every few seconds."""
+"""Progress display of runs: a bar in a terminal, otherwise at most a line per second."""
 
 import sys
 import time
@@ -26,7 +26,7 @@ from rkhs_ros.learning.state import settings_of
 from rkhs_ros.learning.training_settings import Training
 
 ECHO = "^C"  # printed by a terminal at Ctrl-C; beside a bar of full width it would wrap to another line
-LINE_PERIOD_S = 5.0  # between lines
+LINE_PERIOD_S = 1.0  # between lines
 Show = Callable[..., None]  # shows an iteration, and advice if there is any
 
 
@@ -81,7 +81,7 @@ def progress_bar(
             progress.update(bar, advance=1, returns=returns)
             count = f"{training.name}: iteration {iteration.number}"
             found = " ".join(settings_of(iteration.before, iteration.known))
-            lines = [f"{training.name}: found {found}"] if found else []
+            lines = [f"{count}: found {found}"] if found else []
             lines += [f"{count}: {advice}"] if advice is not None else []
             if not is_bar and (time.monotonic() >= due or iteration.number == training.iterations):
                 results = f"; {folder}" if folder else ""

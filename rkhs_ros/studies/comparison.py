@@ -69,11 +69,13 @@ class Comparison:
     Attributes:
         task: common task of the runs.
         curves: one curve for each group of runs with equal settings.
+        limit: number of exploration episodes at which longer runs are cut; None if all are equally long.
         notes: remarks for the reader.
     """
 
     task: Task
     curves: tuple[LearningCurve, ...]
+    limit: int | None
     notes: tuple[str, ...]
 
     @property
@@ -106,7 +108,8 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
     task = _common_task(runs)
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
     limit = shortest.rows[-1].episodes
-    if any(run.rows[-1].episodes > limit for run in runs):
+    cut = any(run.rows[-1].episodes > limit for run in runs)
+    if cut:
         notes.append(f"Compared up to {limit} exploration episodes, the end of the shortest run: {shortest.folder}.")
     curves = tuple(_curve(*each, limit) for each in zip(_labels(groups, labels), groups, strict=True))
     notes += [f"{c.label}: no evaluation; shows the exploration return." for c in curves if not c.is_evaluation]
@@ -114,7 +117,7 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
         notes.append(
             "The areas under the curves are not comparable, since the numbers of episodes at the evaluations differ."
         )
-    return Comparison(task, curves, tuple(notes))
+    return Comparison(task, curves, limit if cut else None, tuple(notes))
 
 
 def _found(places: Sequence[Path]) -> list[Run]:

@@ -102,6 +102,7 @@ def test_unknown_values_get_no_advice() -> None:
         curve(model_return=1.52, model_error=0.8),  # 0.08 of the return above
         errors(nan, 0.45, 0.45, 0.45, 0.45),
         curve(model_return=1.5, model_error=0.8),  # columns that do not matter
+        curve(evaluation_return=nan, exploration_return=7.8, model_return=8.2, model_error=0.8),  # a robot
         errors(nan, 1.4, 0.2, 0.3, 0.2, 0.3),  # states that are new for one iteration
         errors(nan, 2.6, 0.7, 0.3, 0.2, 0.1, 0.1),  # a model that becomes better
         errors(nan, 2.6, 0.7, 0.9),

@@ -164,7 +164,7 @@ def test_a_comparison_is_clear(count: int, runs: int, size: float) -> None:
         LearningCurve(f"{LONG} {k}", 1e4 * np.arange(1.0, 6), 5e4, r, is_evaluation=True) for k, r in enumerate(returns)
     )
     assert_clear(
-        comparison_figure(Comparison(PENDULUM, tuple(curves), ())), within=False
+        comparison_figure(Comparison(PENDULUM, tuple(curves), 400, ())), within=False
     )  # the legend adds to its size
 
 
