@@ -1,7 +1,4 @@
-"""Reproduction of experiments: runs, without repeating finished ones, the table of their returns, and the figure.
-
-Each panel of a figure is plotted over iterations and over episodes, as in the paper.
-"""
+"""Reproduction of experiments: runs, without repeating finished ones, the table of their returns, and the figure."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -15,7 +12,7 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.learning.iteration import Row
 from rkhs_ros.paper.experiment import Experiment
 from rkhs_ros.pictures.known import references
-from rkhs_ros.pictures.style import draw_references, label, legend_above, looks, sheet, write
+from rkhs_ros.pictures.style import COLOURS, STYLES, draw_references, label, legend_above, looks, sheet, write
 from rkhs_ros.runs.config import Config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.studies.comparison import as_csv
@@ -23,9 +20,10 @@ from rkhs_ros.studies.grid import indexed_folder
 
 Make = Callable[[Mapping[Path, Config]], Mapping[Path, str]]
 CONFIDENCE = 1.96  # standard errors on both sides of 95 %
-WIDTH_IN, HEIGHT_IN = 6.0, 7.6  # of a panel's two plots
+WIDTH_IN, HEIGHT_IN = 6.0, 4.6  # of a panel
 DPI = 90
 PREFIX = re.compile(r"^(RKHS-|e(?=[A-Z]))")  # of a method's name: its space of policies
+PARAMETER = re.compile(r" \w+ = \S+$")  # at the end of a label: the kernel's
 
 
 Table = dict[tuple[str, str], list[list[Row]]]  # rows of each run, by panel and curve
@@ -65,37 +63,45 @@ def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
     subtitle = f"evaluation return, mean of {runs} runs; band: {band}, within the range of the runs"
     columns = len(experiment.panels)
     figure = sheet(WIDTH_IN * columns, HEIGHT_IN, f"{experiment.title}\n{subtitle}")
-    plots = figure.subplots(2, columns, sharey="col", squeeze=False)
+    plots = figure.subplots(1, columns, squeeze=False)[0]
     shown = styles_of(experiment)
-    for pair, (title, curves) in zip(plots.T, experiment.panels.items(), strict=True):
-        for axes, against in zip(pair, ("iteration", "exploration episodes"), strict=True):
-            for curve in curves:
-                _draw(axes, table[title, curve.label], experiment.band, curve.label, shown[curve.label], against)
-            draw_references(axes, references(curves[0].run(0).task))
-            label(axes, against, "discounted return")
-        legend_above(pair[0], title)
+    for axes, (title, curves) in zip(plots, experiment.panels.items(), strict=True):
+        for curve in curves:
+            _draw(axes, table[title, curve.label], experiment.band, curve.label, shown[curve.label])
+        draw_references(axes, references(curves[0].run(0).task))
+        each = {str(rows[0].episodes) for curve in curves for rows in table[title, curve.label]}
+        label(axes, f"iteration of {' or '.join(sorted(each))} episodes", "discounted return")
+        legend_above(axes, title)
     write(path, figure, dpi=DPI)
 
 
-def styles_of(experiment: Experiment) -> dict[str, tuple[str, str, str]]:
-    """Return the style of each curve by label; a method has one style in all panels, in the RKHS and on a grid.
+def styles_of(experiment: Experiment) -> dict[str, tuple[str, str]]:
+    """Return the line style and the colour of each curve by label; a method has the same in all panels.
 
-    If a panel shows a method in both spaces, each has a style of its own. RKHS-NAC and eNAC are both NAC.
+    If labels end in a parameter of the kernel, it has the colour, and the method the style. Otherwise a method has the
+    same colour in the RKHS and on a grid, unless a panel shows both. RKHS-NAC and eNAC are both NAC.
     """
     panels = [[curve.label for curve in curves] for curves in experiment.panels.values()]
-    methods = {each: PREFIX.sub("", each) for labels in panels for each in labels}
-    if any(len({methods[each] for each in labels}) < len(labels) for labels in panels):
-        methods = {each: each for each in methods}
+    labels = [each for its in panels for each in its]
+    parameters = {each: found[0] for each in labels if (found := PARAMETER.search(each))}
+    if len(parameters) == len(set(labels)):
+        methods = {each: PARAMETER.sub("", each) for each in labels}
+        styles = dict(zip(dict.fromkeys(methods.values()), STYLES, strict=False))
+        colours = dict(zip(dict.fromkeys(parameters.values()), COLOURS, strict=False))
+        return {each: (styles[methods[each]], colours[parameters[each]]) for each in labels}
+    methods = {each: PREFIX.sub("", each) for each in labels}
+    if any(len({methods[each] for each in its}) < len(its) for its in panels):
+        methods = {each: each for each in labels}
     distinct = dict.fromkeys(methods.values())
     by_method = dict(zip(distinct, looks(len(distinct)), strict=True))
-    return {each: by_method[method] for each, method in methods.items()}
+    return {each: by_method[method][:2] for each, method in methods.items()}
 
 
-def _draw(axes: Axes, runs: list[list[Row]], band: str, name: str, shown: tuple[str, str, str], against: str) -> None:
+def _draw(axes: Axes, runs: list[list[Row]], band: str, name: str, shown: tuple[str, str]) -> None:
     """Draw the mean of the runs, and the band around it, clipped to the range of the runs."""
-    style, colour, _ = shown
+    style, colour = shown
     earned = np.array([[row.evaluation_return for row in rows] for rows in runs])
-    x = [row.iteration if against == "iteration" else row.episodes for row in runs[0]]
+    x = [row.iteration for row in runs[0]]
     mean, low, high = earned.mean(axis=0), earned.min(axis=0), earned.max(axis=0)
     if len(runs) > 1:
         deviation = earned.std(axis=0, ddof=1)
