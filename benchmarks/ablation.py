@@ -1,7 +1,7 @@
 """Measure what each part of model-based training earns: train without one part at a time, on seeds that chose none.
 
 Each finished curve is stored in docs/results/ablation.csv at once, with the name of the part in place of the learner's,
-or "all". The same command continues after an interruption, and makes the table of what is stored.
+or "all". The same command continues after an interruption, and prints the table of what is stored.
 """
 
 import os
@@ -31,7 +31,7 @@ from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
-from task_table import PAGE, RESULTS, Cell, compared, page_with
+from task_table import RESULTS, Cell, compared
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
 FILE = RESULTS.parent / "ablation.csv"
@@ -144,12 +144,9 @@ def _median(cell: Cell) -> str:
 
 
 def run(options: Namespace) -> int:
-    """Train the missing curves, store each, and make the table, of its own curves on the page; return the exit code."""
+    """Train the missing curves, store each, and print the table; return the exit code."""
     code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
-    made = table(read_curves(options.curves))
-    print(made)
-    if options.curves == FILE:
-        PAGE.write_text(page_with(made, "ablation"))
+    print(table(read_curves(options.curves)))
     return code
 
 

@@ -23,7 +23,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
 RESULTS = PAGE.parent / "results" / "tasks"
 TABLE = RESULTS / "table.csv"
 PUBLISHED = RESULTS / "published.csv"  # by others
-END = "<!-- end -->\n"  # of a part that a benchmark makes
+BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
 AFTER = (5, 10, 20, 50, 100)  # episodes
 SCORES = ("episodes", "steps", "return")
 COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
@@ -324,8 +324,7 @@ def make_table(curves: Curves) -> None:
         figure.savefig(RESULTS / f"{name}.png", dpi=100)
 
 
-def page_with(part: str, maker: str = "tasks") -> str:
-    """Return the page with another text for the part that a benchmark makes."""
-    begin = f"<!-- made by benchmarks/{maker}.py -->\n"
-    before, rest = PAGE.read_text().split(begin)
-    return before + begin + "\n" + part + "\n" + END + rest.split(END, 1)[1]
+def page_with(summary: str) -> str:
+    """Return the page with a summary in place of its own."""
+    before, rest = PAGE.read_text().split(BEGIN)
+    return before + BEGIN + "\n" + summary + "\n" + END + rest.split(END)[1]
