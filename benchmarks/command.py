@@ -1,6 +1,7 @@
 """Share the command line of the benchmarks, ``--quick``, and measure times."""
 
 import math
+import signal
 import sys
 import time
 from argparse import ArgumentParser, Namespace
@@ -33,6 +34,7 @@ def parsed(command: ArgumentParser, arguments: Sequence[str] | None = None, **qu
 
 def ended(run: Callable[[], int | None]) -> int:
     """Run a command; print an error, or that it was interrupted, in one line, and return its exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return run() or 0
     except (ValueError, OSError, RunError) as error:

@@ -8,7 +8,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import signal
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -87,7 +86,9 @@ def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], option
     """Train each curve once, store it when it is finished, and return the exit code."""
     work = list(dict(asked_for).items())
     options.curves.parent.mkdir(parents=True, exist_ok=True)
-    if not work:
+    if work:
+        write_curves(options.curves, read_curves(options.curves))  # fails before the training rather than after it
+    else:
         print("nothing to train")
     failed = False
     for key, result in run_parallel(learn, work, jobs=options.jobs, title="curves", quiet=options.quiet):
@@ -144,7 +145,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     from tasks import main as run_main  # by the name under which worker processes import it
 
     sys.exit(run_main())

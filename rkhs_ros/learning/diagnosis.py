@@ -52,7 +52,7 @@ class Summary:
         lowest_reward: lowest reward of a step.
         highest_reward: highest reward of a step.
         terminates: whether the task terminated an episode.
-        saturated: share of the actions of the policy mean that are at or beyond a bound.
+        saturated: share of the actions of the policy mean that are at or beyond a bound; nan without evaluation.
     """
 
     exploration_return: float
@@ -62,7 +62,7 @@ class Summary:
     lowest_reward: float = -inf
     highest_reward: float = inf
     terminates: bool = False
-    saturated: float = 0.0
+    saturated: float = nan
 
 
 def exploits_model(recent: Sequence[Summary]) -> bool:
@@ -92,7 +92,8 @@ def has_constant_reward(recent: Sequence[Summary]) -> bool:
 
 def saturates(recent: Sequence[Summary]) -> bool:
     """Return whether nearly all actions of the policy mean are at their bounds."""
-    return len(recent) >= PATIENCE and all(each.saturated >= SATURATED for each in recent[-PATIENCE:])
+    known = [each.saturated for each in recent if not isnan(each.saturated)][-PATIENCE:]
+    return len(known) == PATIENCE and min(known) >= SATURATED
 
 
 def predicts_badly(recent: Sequence[Summary]) -> bool:
@@ -182,4 +183,4 @@ def _saturated(evaluation: Episodes, spaces: Spaces) -> float:
     """Return the share of the actions of an evaluation that are at or beyond a bound."""
     actions = evaluation.flat(evaluation.actions)
     low, high = (bound.ravel() for bound in (spaces.action_low, spaces.action_high))
-    return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else 0.0
+    return float(np.mean((actions <= low) | (actions >= high))) if len(actions) else nan

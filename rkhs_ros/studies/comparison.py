@@ -112,7 +112,8 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
     if cut:
         notes.append(f"Compared up to {limit} exploration episodes, the end of the shortest run: {shortest.folder}.")
     curves = tuple(_curve(*each, limit) for each in zip(_labels(groups, labels), groups, strict=True))
-    notes += [f"{c.label}: no evaluation; shows the exploration return." for c in curves if not c.is_evaluation]
+    here = f" in the first {limit} episodes" if cut else ""
+    notes += [f"{c.label}: no evaluation{here}; shows the exploration return." for c in curves if not c.is_evaluation]
     if len({curve.episodes.tobytes() for curve in curves}) > 1:
         notes.append(
             "The areas under the curves are not comparable, since the numbers of episodes at the evaluations differ."

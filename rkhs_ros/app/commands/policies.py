@@ -127,6 +127,7 @@ def run_export(options: argparse.Namespace) -> int:
     if options.lerobot:
         return _export_episodes(options)
     require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
+    file.parent.mkdir(parents=True, exist_ok=True)
     if file.suffix == ".onnx":
         count, error = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
         print(f"Exported the policy: {file}")

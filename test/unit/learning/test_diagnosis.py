@@ -54,6 +54,7 @@ BAD: list[tuple[Sign, list[Summary]]] = [
     (has_constant_reward, curve(3, highest_reward=0.0)),
     (saturates, curve(saturated=0.99)),
     (saturates, curve(5, saturated=0.99)),
+    (saturates, [known(1.4, saturated=0.99 if each % 3 == 0 else nan) for each in range(15)]),  # evaluate_every=3
     (predicts_badly, curve(model_return=0.9, model_error=1.2)),
     (predicts_badly, curve(evaluation_return=nan, model_error=1.2)),
     (predicts_badly, curve(evaluation_return=nan, model_error=0.55)),
