@@ -31,7 +31,7 @@ from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
-from task_table import RESULTS, Cell, compared
+from task_table import RESULTS, Cell, cells_of, compared, shown
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
 FILE = RESULTS.parent / "ablation.csv"
@@ -124,23 +124,21 @@ def table(curves: Curves) -> str:
     """Return the median episodes until the first threshold without each part, and all against it, as Markdown."""
     heads = ("Without", "Fewer episodes with it", "Higher returns with it", *(f"`{task}`" for task in EPISODES))
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    cells: dict[str, dict[str, Cell]] = {task: {} for task in EPISODES}
-    for task, its in cells.items():
-        for part in (ALL, *PARTS):
-            if stored := [curve for key, curve in curves.items() if key[:2] == (task, part)]:
-                its[part] = Cell(TASKS[task], stored)
+    cells = cells_of(curves, (ALL, *PARTS))
     for part in (ALL, *PARTS):
         both = [its for its in cells.values() if part != ALL and {ALL, part} <= set(its)]
         gains = [compared(both, ALL, part, how) if both else "" for how in ("episodes", "mean return")]
-        medians = [_median(its[part]) if part in its else "" for its in cells.values()]
+        medians = [_median(cells.get(task, {}).get(part)) for task in EPISODES]
         lines.append(f"| {part if part != ALL else 'nothing'} | {' | '.join([*gains, *medians])} |")
-    return "\n".join([*lines, ""])
+    return "\n".join(lines)
 
 
-def _median(cell: Cell) -> str:
-    """Return the median episodes until the first threshold, and the number of seeds."""
-    value = cell.until(cell.task.thresholds[0], "episodes").value
-    return f"{value:g} ({len(cell.curves)})" if np.isfinite(value) else f"never ({len(cell.curves)})"
+def _median(cell: Cell | None) -> str:
+    """Return the median episodes until the first threshold, and the number of seeds, of a cell if there is one."""
+    if cell is None:
+        return ""
+    until = cell.until(cell.task.thresholds[0], "episodes")
+    return f"{shown(until._replace(low=np.nan))} ({len(cell.curves)})"
 
 
 def run(options: Namespace) -> int:

@@ -5,7 +5,7 @@ Statistical Precipice": the runs of each task are resampled separately, and each
 """
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -91,11 +91,11 @@ class Cell(NamedTuple):
 Cells = dict[str, dict[str, Cell]]  # by task and learner
 
 
-def cells_of(curves: Curves) -> Cells:
-    """Return the cells in the order of the tables."""
+def cells_of(curves: Curves, learners: Iterable[str] = LEARNERS) -> Cells:
+    """Return the cells in the order of the tables and of the learners."""
     found: Cells = {}
     for task in TASKS:
-        for learner in LEARNERS:
+        for learner in learners:
             its = [curve for key, curve in curves.items() if key[:2] == (task, learner)]
             if its:
                 found.setdefault(task, {})[learner] = Cell(TASKS[task], its)

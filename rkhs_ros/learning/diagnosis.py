@@ -78,7 +78,7 @@ def exploits_model(recent: Sequence[Summary]) -> bool:
 
 
 def _gap(summary: Summary) -> float:
-    """Return the difference between the returns in the model and without noise, or with it, relative to the larger."""
+    """Return by how much the model's return exceeds the evaluation's, or the exploration's, relative to the larger."""
     model, real = summary.model_return, summary.evaluation_return
     real = summary.exploration_return if isnan(real) else real
     return (model - real) / max(abs(model), abs(real)) if model != real else 0.0

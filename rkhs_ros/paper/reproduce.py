@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -69,8 +70,8 @@ def draw_experiment(path: Path, experiment: Experiment, table: Table) -> None:
         for curve in curves:
             _draw(axes, table[title, curve.label], experiment.band, curve.label, shown[curve.label])
         draw_references(axes, references(curves[0].run(0).task))
-        each = {str(rows[0].episodes) for curve in curves for rows in table[title, curve.label]}
-        label(axes, f"iteration of {' or '.join(sorted(each))} episodes", "discounted return")
+        sizes = sorted({rows[0].episodes for curve in curves for rows in table[title, curve.label]})
+        label(axes, f"iteration of {' or '.join(map(str, sizes))} episodes", "discounted return")
         legend_above(axes, title)
     write(path, figure, dpi=DPI)
 
@@ -86,8 +87,8 @@ def styles_of(experiment: Experiment) -> dict[str, tuple[str, str]]:
     parameters = {each: found[0] for each in labels if (found := PARAMETER.search(each))}
     if len(parameters) == len(set(labels)):
         methods = {each: PARAMETER.sub("", each) for each in labels}
-        styles = dict(zip(dict.fromkeys(methods.values()), STYLES, strict=False))
-        colours = dict(zip(dict.fromkeys(parameters.values()), COLOURS, strict=False))
+        styles = dict(zip(dict.fromkeys(methods.values()), cycle(STYLES), strict=False))
+        colours = dict(zip(dict.fromkeys(parameters.values()), cycle(COLOURS), strict=False))
         return {each: (styles[methods[each]], colours[parameters[each]]) for each in labels}
     methods = {each: PREFIX.sub("", each) for each in labels}
     if any(len({methods[each] for each in its}) < len(its) for its in panels):
