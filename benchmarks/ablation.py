@@ -1,9 +1,10 @@
 """Measure what each part of model-based training earns: train without one part at a time, on seeds that chose none.
 
-Each finished curve is stored in docs/results/ablation.csv at once, with the name of the part in place of the learner's,
-or "all". The same command continues after an interruption, and prints the table of what is stored.
+Each finished curve is stored in docs/results/ablation/ at once, with the name of the part in place of the learner's, or
+"all". The same command continues after an interruption, and makes the table and the picture of what is stored.
 """
 
+import csv
 import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -13,11 +14,13 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import tasks
 from command import ended, parsed, parser
@@ -31,15 +34,18 @@ from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
-from task_table import RESULTS, Cell, cells_of, compared, shown
+from rkhs_ros.studies.aggregates import Estimate
+from task_table import RESULTS, Cell, Cells, cells_of, compared, percents, shown
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
-FILE = RESULTS.parent / "ablation.csv"
+FILES = RESULTS.parent / "ablation"
+FILE = FILES / "curves.csv"
 ALL = "all"
 ALIKE = {"cart-pole": 8, "furuta": 8, "pendulum-clip": 3}  # tasks whose episodes start alike, and how many episodes
 VARYING = {"ball-on-beam": 10, "tanks": 10, "Pendulum-v1": 7, "Reacher-v5": 10, "MountainCarContinuous-v0": 4}
 EPISODES = {**ALIKE, **VARYING}
 NEVER = 10**9
+SCORES = {"episodes": "fewer episodes with it", "mean return": "higher returns with it"}
 QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200", "curves": Path("quick.csv")}
 
 
@@ -120,17 +126,22 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                     yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
 
 
-def table(curves: Curves) -> str:
-    """Return the median episodes until the first threshold without each part, and all against it, as Markdown."""
-    heads = ("Without", "Fewer episodes with it", "Higher returns with it", *(f"`{task}`" for task in EPISODES))
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    cells = cells_of(curves, (ALL, *PARTS))
+def gains(cells: Cells, how: str) -> dict[str, Estimate]:
+    """Return, for each part that was removed, the probability over tasks that training with it has a better score."""
+    both = {part: [its for its in cells.values() if {ALL, part} <= set(its)] for part in PARTS}
+    return {part: compared(its, ALL, part, how) for part, its in both.items() if its}
+
+
+def table(cells: Cells) -> str:
+    """Return the probabilities and the median episodes until the first threshold as CSV, one line per part."""
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("without", *SCORES.values(), *EPISODES))
+    found = [{part: percents(gain) for part, gain in gains(cells, how).items()} for how in SCORES]
     for part in (ALL, *PARTS):
-        both = [its for its in cells.values() if part != ALL and {ALL, part} <= set(its)]
-        gains = [compared(both, ALL, part, how) if both else "" for how in ("episodes", "mean return")]
         medians = [_median(cells.get(task, {}).get(part)) for task in EPISODES]
-        lines.append(f"| {part if part != ALL else 'nothing'} | {' | '.join([*gains, *medians])} |")
-    return "\n".join(lines)
+        writer.writerow((part if part != ALL else "nothing", *(its.get(part, "") for its in found), *medians))
+    return text.getvalue()
 
 
 def _median(cell: Cell | None) -> str:
@@ -141,10 +152,30 @@ def _median(cell: Cell | None) -> str:
     return f"{shown(until._replace(low=np.nan))} ({len(cell.curves)})"
 
 
+def picture(cells: Cells) -> Figure:
+    """Return the probabilities that training with a part is better."""
+    figure = Figure((9.0, 4.8), layout="constrained")
+    for panel, (how, title) in zip(figure.subplots(1, len(SCORES), sharey=True), SCORES.items(), strict=True):
+        found = gains(cells, how)
+        middle, low, high = 100 * np.array(list(found.values())).T
+        panel.errorbar(middle, list(found), xerr=(middle - low, high - middle), fmt="o", markersize=4)
+        panel.axvline(50.0, color="0.7", linewidth=0.8, linestyle=":")
+        panel.set(xlabel=f"probability of {title}, %", xlim=(0.0, 100.0))
+    panel.invert_yaxis()
+    return figure
+
+
 def run(options: Namespace) -> int:
-    """Train the missing curves, store each, and print the table; return the exit code."""
+    """Train the missing curves, store each, and print the table; return the exit code.
+
+    The table and the picture of the page are made of its own curves alone.
+    """
     code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
-    print(table(read_curves(options.curves)))
+    cells = cells_of(read_curves(options.curves), (ALL, *PARTS))
+    print(table(cells), end="")
+    if options.curves.resolve() == FILE.resolve():
+        (FILES / "table.csv").write_text(table(cells))
+        picture(cells).savefig(FILES / "parts.png", dpi=100)
     return code
 
 

@@ -184,7 +184,7 @@ def summary(cells: Cells) -> str:
     for learner in learners:
         both = [its for its in cells.values() if learner != "ours" and {"ours", learner} <= set(its)]
         if both:
-            found = [compared(both, "ours", learner, how) for how in SCORES]
+            found = [percents(compared(both, "ours", learner, how)) for how in SCORES]
             lines.append(f"| `{learner}` | {len(both)} | {' | '.join(found)} |")
     return "\n".join([*lines, "", *published(cells), ""])
 
@@ -205,10 +205,14 @@ def published(cells: Cells) -> list[str]:
     return lines
 
 
-def compared(both: Sequence[Mapping[str, Cell]], one: str, other: str, how: str) -> str:
+def compared(both: Sequence[Mapping[str, Cell]], one: str, other: str, how: str) -> Estimate:
     """Return the probability that one learner has a better score than the other, over tasks with cells of both."""
-    found = improvement(*([its[each].scores(how) for its in both] for each in (one, other)))
-    return f"{found.value:.0%} [{found.low:.0%}, {found.high:.0%}]"
+    return improvement(*([its[each].scores(how) for its in both] for each in (one, other)))
+
+
+def percents(estimate: Estimate) -> str:
+    """Return a probability and its interval in percent."""
+    return f"{estimate.value:.0%} [{estimate.low:.0%}, {estimate.high:.0%}]"
 
 
 def improvement(ours: Sequence[Array], theirs: Sequence[Array]) -> Estimate:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
+import ablation
 import task_table
 import tasks
 from rkhs_ros.base.endings import BAD_INPUT
@@ -107,3 +108,9 @@ def test_table_and_page_are_those_of_the_stored_curves() -> None:
     for name, *figures in quoted:
         row = rows[name.strip("`")]
         assert figures == [*row[1:4], row[5]]
+
+
+@pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")
+def test_the_table_of_the_ablation_is_that_of_its_stored_curves() -> None:
+    cells = task_table.cells_of(read_curves(ablation.FILE), (ablation.ALL, *ablation.PARTS))
+    assert (ablation.FILES / "table.csv").read_text() == ablation.table(cells)
