@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import robots  # noqa: F401  # registers their tasks
 from rkhs_ros.app.inline import runner_of
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
@@ -217,6 +218,8 @@ TASKS = {
     "ball-on-beam": Task("rkhs/BallOnBeam-v0", (-0.2,), 50),
     "tanks": Task("rkhs/Tanks-v0", (-2.0,), 1),
     "furuta": Task("rkhs/Furuta-v0", (150.0,), 100),
+    "motor-pendulum": Task("robots/MotorPendulum-v0", SWUNG_UP, 10, changes=(ANGLE,), discounted=True),
+    "arm": Task("robots/Arm-v0", (25.0, 27.0), 5, changes=("inputs.history=2",), packages=("pybullet",)),
     "pr2-door": Task(
         "rkhs/PR2Door-v0",
         (0.5, 0.8),
