@@ -219,7 +219,7 @@ TASKS = {
     "tanks": Task("rkhs/Tanks-v0", (-2.0,), 1),
     "furuta": Task("rkhs/Furuta-v0", (150.0,), 100),
     "motor-pendulum": Task("robots/MotorPendulum-v0", SWUNG_UP, 10, changes=(ANGLE,), discounted=True),
-    "arm": Task("robots/Arm-v0", (25.0, 27.0), 5, changes=("inputs.history=2",), packages=("pybullet",)),
+    "arm": Task("robots/Arm-v0", (20.0, 24.0), 5, changes=("inputs.history=2",), packages=("pybullet",)),
     "pr2-door": Task(
         "rkhs/PR2Door-v0",
         (0.5, 0.8),
