@@ -35,7 +35,7 @@ from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
 from rkhs_ros.studies.aggregates import Estimate
-from task_table import RESULTS, Cell, Cells, cells_of, compared, percents, shown
+from task_table import RESULTS, Cell, cells_of, compared, percents, shown
 from trial import TASKS, Curves, Key, Point, Trial, read_curves
 
 FILES = RESULTS.parent / "ablation"
@@ -126,18 +126,25 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                     yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
 
 
-def gains(cells: Cells, how: str) -> dict[str, Estimate]:
-    """Return, for each part that was removed, the probability over tasks that training with it has a better score."""
-    both = {part: [its for its in cells.values() if {ALL, part} <= set(its)] for part in PARTS}
-    return {part: compared(its, ALL, part, how) for part, its in both.items() if its}
+def gains(curves: Curves, how: str) -> dict[str, Estimate]:
+    """Return, for each part, the probability over tasks that training with it has a better score, on the same seeds."""
+    found = {}
+    for part in PARTS:
+        names = ALL, part
+        seeds = {key: all(key._replace(learner=name) in curves for name in names) for key in curves}
+        its = {key: curve for key, curve in curves.items() if key.learner in names and seeds[key]}
+        if both := list(cells_of(its, names).values()):
+            found[part] = compared(both, ALL, part, how)
+    return found
 
 
-def table(cells: Cells) -> str:
+def table(curves: Curves) -> str:
     """Return the probabilities and the median episodes until the first threshold as CSV, one line per part."""
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("without", *SCORES.values(), *EPISODES))
-    found = [{part: percents(gain) for part, gain in gains(cells, how).items()} for how in SCORES]
+    cells = cells_of(curves, (ALL, *PARTS))
+    found = [{part: percents(gain) for part, gain in gains(curves, how).items()} for how in SCORES]
     for part in (ALL, *PARTS):
         medians = [_median(cells.get(task, {}).get(part)) for task in EPISODES]
         writer.writerow((part if part != ALL else "nothing", *(its.get(part, "") for its in found), *medians))
@@ -152,11 +159,11 @@ def _median(cell: Cell | None) -> str:
     return f"{shown(until._replace(low=np.nan))} ({len(cell.curves)})"
 
 
-def picture(cells: Cells) -> Figure:
+def picture(curves: Curves) -> Figure:
     """Return the probabilities that training with a part is better."""
     figure = Figure((9.0, 4.8), layout="constrained")
     for panel, (how, title) in zip(figure.subplots(1, len(SCORES), sharey=True), SCORES.items(), strict=True):
-        found = gains(cells, how)
+        found = gains(curves, how)
         middle, low, high = 100 * np.array(list(found.values())).T
         panel.errorbar(middle, list(found), xerr=(middle - low, high - middle), fmt="o", markersize=4)
         panel.axvline(50.0, color="0.7", linewidth=0.8, linestyle=":")
@@ -171,11 +178,11 @@ def run(options: Namespace) -> int:
     The table and the picture of the page are made of its own curves alone.
     """
     code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
-    cells = cells_of(read_curves(options.curves), (ALL, *PARTS))
-    print(table(cells), end="")
+    curves = read_curves(options.curves)
+    print(table(curves), end="")
     if options.curves.resolve() == FILE.resolve():
-        (FILES / "table.csv").write_text(table(cells))
-        picture(cells).savefig(FILES / "parts.png", dpi=100)
+        (FILES / "table.csv").write_text(table(curves))
+        picture(curves).savefig(FILES / "parts.png", dpi=100)
     return code
 
 

@@ -112,5 +112,12 @@ def test_table_and_page_are_those_of_the_stored_curves() -> None:
 
 @pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")
 def test_the_table_of_the_ablation_is_that_of_its_stored_curves() -> None:
-    cells = task_table.cells_of(read_curves(ablation.FILE), (ablation.ALL, *ablation.PARTS))
-    assert (ablation.FILES / "table.csv").read_text() == ablation.table(cells)
+    assert (ablation.FILES / "table.csv").read_text() == ablation.table(read_curves(ablation.FILE))
+
+
+def test_a_part_is_judged_on_the_seeds_that_ran_with_it_and_without_it() -> None:
+    returns = {"all": [46.0, 3.0, 3.0], "walls": [3.0, 46.0]}
+    curves = {
+        Key("cart-pole", part, seed): curve([each]) for part, its in returns.items() for seed, each in enumerate(its)
+    }
+    assert ablation.gains(curves, "mean return")["walls"].value == 0.5
