@@ -131,9 +131,8 @@ def gains(curves: Curves, how: str) -> dict[str, Estimate]:
     found = {}
     for part in PARTS:
         names = ALL, part
-        seeds = {key: all(key._replace(learner=name) in curves for name in names) for key in curves}
-        its = {key: curve for key, curve in curves.items() if key.learner in names and seeds[key]}
-        if both := list(cells_of(its, names).values()):
+        paired = [key for key in curves if all(key._replace(learner=name) in curves for name in names)]
+        if both := list(cells_of({key: curves[key] for key in paired}, names).values()):
             found[part] = compared(both, ALL, part, how)
     return found
 
@@ -179,9 +178,10 @@ def run(options: Namespace) -> int:
     """
     code = tasks.train_and_store(learnt, asked(options, read_curves(options.curves)), options)
     curves = read_curves(options.curves)
-    print(table(curves), end="")
+    made = table(curves)
+    print(made, end="")
     if options.curves.resolve() == FILE.resolve():
-        (FILES / "table.csv").write_text(table(curves))
+        (FILES / "table.csv").write_text(made)
         picture(curves).savefig(FILES / "parts.png", dpi=100)
     return code
 

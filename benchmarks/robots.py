@@ -26,7 +26,6 @@ from sim_nodes.robots.robot import Hardware, JointReadings
 
 CONFIG = Path(__file__).parents[1] / "config"
 SEEDS = 2**31
-MOST_POINTS = 10  # of a trajectory, as the gate sends it
 
 
 class SimulatedRobot(gymnasium.Env[Array, Array]):
@@ -39,8 +38,7 @@ class SimulatedRobot(gymnasium.Env[Array, Array]):
     """
 
     def __init__(self, name: str, robot_of: Callable[[Any], Any], observed: Callable[[Any], tuple[float, ...]]) -> None:
-        config = load_config(CONFIG / f"{name}.yaml")
-        nodes = config.environment.nodes
+        nodes = load_config(CONFIG / f"{name}.yaml").environment.nodes
         self._gate = build(GateSettings, nodes["gate"])
         self._limits = rules(self._gate).limits
         self._task = robot_task_from(nodes["robot"])
@@ -82,7 +80,7 @@ class SimulatedRobot(gymnasium.Env[Array, Array]):
         if self._limits.kind != POSITION:
             return motion.value
         period = self._gate.period
-        points = [(period + time, tuple(values)) for time, values in braking(self._limits, period, motion, MOST_POINTS)]
+        points = [(period + time, tuple(values)) for time, values in braking(self._limits, period, motion)]
         times, positions = zip(*points, strict=True)
         return JointCommand(self._gate.joints, tuple(self._speed * time for time in times), positions)
 

@@ -19,6 +19,7 @@ KINDS = (POSITION, VELOCITY, EFFORT)
 LIMITS = ("minimum", "maximum", "velocity", "acceleration", "step")  # of commands
 SENSED_LIMITS = ("minimum", "maximum", "velocity", "effort")
 LEAST, MOST = 1e-9, 1e9  # smallest and largest magnitude of a nonzero limit, so that arithmetic stays accurate
+MOST_POINTS = 10  # of a braking trajectory, which is sent in every period
 UNITS = {POSITION: "rad or m", VELOCITY: "rad/s or m/s", EFFORT: "N m or N"}
 
 
@@ -160,17 +161,17 @@ def advance(limits: Limits, period: float, motion: Setpoint, goal: Array | None,
     return rest_at(np.clip(motion.value + np.clip(change, -most, most), *limits.bounds()))
 
 
-def braking(limits: Limits, period: float, motion: Setpoint, most: int) -> list[tuple[float, Array]]:
+def braking(limits: Limits, period: float, motion: Setpoint) -> list[tuple[float, Array]]:
     """Return the braking trajectory of position commands, equal to that of ``advance`` without a goal.
 
     Returns:
-        At most ``most`` pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now;
+        At most 10 pairs of the time from now, in seconds, and the positions, shape (joints,). The first is now;
         in the last one, all joints are at rest.
     """
     change = limits.acceleration * period
     speed = np.abs(motion.rate)
     periods = np.floor(np.divide(speed, change, out=np.zeros_like(speed), where=change > 0.0))
-    knots = np.unique(np.linspace(0.0, periods.max(), most).round())
+    knots = np.unique(np.linspace(0.0, periods.max(), MOST_POINTS).round())
     moving = np.minimum(knots[:, None], periods)  # (knots, joints): for how many periods by then
     way = period * (moving * speed - change * moving * (moving + 1.0) / 2.0)
     values = np.clip(motion.value + np.sign(motion.rate) * way, limits.minimum, limits.maximum)

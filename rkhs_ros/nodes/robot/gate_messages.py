@@ -26,7 +26,6 @@ from rkhs_ros.robot.gate_state import CommandReport, Publishers, StopRequests
 from rkhs_ros.robot.limits import Limits, Sensed, Setpoint, braking
 from rkhs_ros.robot.sensors import missing_joints
 
-MOST_POINTS = 10  # in a trajectory message; one is sent every period
 TYPES = {
     FLOATS: Float64MultiArray,
     FLOAT: Float64,
@@ -91,7 +90,7 @@ def _trajectory(settings: GateSettings, limits: Limits, motion: Setpoint) -> Joi
         JointTrajectoryPoint(
             positions=doubles(values), time_from_start=Duration(seconds=settings.period + seconds).to_msg()
         )
-        for seconds, values in braking(limits, settings.period, motion, MOST_POINTS)
+        for seconds, values in braking(limits, settings.period, motion)
     ]
     return JointTrajectory(joint_names=settings.joints, points=points)
 

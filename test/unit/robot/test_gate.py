@@ -354,7 +354,7 @@ def test_braking_predicts_the_outputs_after_a_stop() -> None:
     motion = world.state.motion
     assert motion is not None
     assert motion.rate.any()
-    predicted = braking(world.rules.limits, PERIOD, motion, 10)
+    predicted = braking(world.rules.limits, PERIOD, motion)
     assert 2 <= len(predicted) <= 10
     begun = len(world.outputs) - 1
     world.stop()
@@ -364,6 +364,6 @@ def test_braking_predicts_the_outputs_after_a_stop() -> None:
     np.testing.assert_allclose(world.outputs[-1], predicted[-1][1], atol=1e-12)
     at_rest = world.state.motion
     assert at_rest is not None
-    ((seconds, values),) = braking(world.rules.limits, PERIOD, at_rest, 10)
+    ((seconds, values),) = braking(world.rules.limits, PERIOD, at_rest)
     assert seconds == 0.0
     assert np.array_equal(values, at_rest.value)
