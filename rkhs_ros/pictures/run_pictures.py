@@ -124,7 +124,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         _draw_curve(axes, curve, *look)
     _draw_optimum(axes, comparison.task)
     kind = "evaluation" if any(curve.is_evaluation for curve in comparison.curves) else "exploration"
-    cut = f", first {comparison.limit} episodes" if comparison.limit else ""
+    cut = f", up to episode {comparison.limit}" if comparison.limit else ""
     label(axes, "exploration episodes", f"discounted {kind} return", comparison.task.environment + cut)
     whole_ticks(axes)
     axes.set_xlim(left=0)

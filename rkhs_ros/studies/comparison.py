@@ -82,7 +82,13 @@ class Comparison:
     def table(self) -> list[dict[str, Any]]:
         """The statistics of each curve by name, for `as_csv` and the like."""
         return [
-            {"curve": c.label, "runs": len(c.returns), "episodes": float(c.episodes[-1]), "steps": c.steps}
+            {
+                "curve": c.label,
+                "kind": "evaluation" if c.is_evaluation else "exploration",
+                "runs": len(c.returns),
+                "episodes": float(c.episodes[-1]),
+                "steps": c.steps,
+            }
             | aggregates(c.episodes, c.returns)
             for c in self.curves
         ]
@@ -110,9 +116,9 @@ def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) ->
     limit = shortest.rows[-1].episodes
     cut = any(run.rows[-1].episodes > limit for run in runs)
     if cut:
-        notes.append(f"Compared up to {limit} exploration episodes, the end of the shortest run: {shortest.folder}.")
+        notes.append(f"Compared up to exploration episode {limit}, the end of the shortest run: {shortest.folder}.")
     curves = tuple(_curve(*each, limit) for each in zip(_labels(groups, labels), groups, strict=True))
-    here = f" in the first {limit} episodes" if cut else ""
+    here = f" up to episode {limit}" if cut else ""
     notes += [f"{c.label}: no evaluation{here}; shows the exploration return." for c in curves if not c.is_evaluation]
     if len({curve.episodes.tobytes() for curve in curves}) > 1:
         notes.append(

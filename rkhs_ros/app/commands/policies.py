@@ -127,9 +127,10 @@ def run_export(options: argparse.Namespace) -> int:
     if options.lerobot:
         return _export_episodes(options)
     require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
-    file.parent.mkdir(parents=True, exist_ok=True)
     if file.suffix == ".onnx":
-        count, error = export_onnx(load(last_policy(source) if source.is_dir() else source), file)
+        policy = load(last_policy(source) if source.is_dir() else source)
+        file.parent.mkdir(parents=True, exist_ok=True)  # not for a policy that cannot be read
+        count, error = export_onnx(policy, file)
         print(f"Exported the policy: {file}")
         print(f"Checked on {count} random observations: relative error {error:.1g} (limit {TOLERANCE:g})")
         return 0
@@ -137,7 +138,9 @@ def run_export(options: argparse.Namespace) -> int:
     from rkhs_ros.view.recorded import Recorded
     from rkhs_ros.view.serving import html_page
 
-    write_whole(file, html_page(Recorded(source)).encode())
+    page = html_page(Recorded(source)).encode()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, page)
     print(f"Exported the page of the run: {file}")
     return 0
 

@@ -102,7 +102,7 @@ def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     np.testing.assert_array_equal(comparison.curves[0].returns, [[1.0, 2.0]])
     note, areas = comparison.notes
     assert areas.startswith("The areas under the curves are not comparable")
-    assert note == f"Compared up to 25 exploration episodes, the end of the shortest run: {tmp_path / 'slow'}."
+    assert note == f"Compared up to exploration episode 25, the end of the shortest run: {tmp_path / 'slow'}."
     assert note in str(comparison)
 
 
@@ -154,9 +154,9 @@ def test_the_command_writes_picture_and_tables_and_prints_the_table(rkhs: Run, t
     assert {path.name for path in (tmp_path / "made").iterdir()} == {"here.png", "here.csv", "here.md"}
     assert out.startswith((tmp_path / "made" / "here.md").read_text())
     header, _, first, second, *_ = out.splitlines()
-    assert header.split("|")[1:4] == [" curve ", " runs ", " episodes "]
-    assert first.startswith("| a     | 4    | 20       | 400   | 3.5 [2.5, 4.5]")
-    assert second.startswith(r"| b\|b  | 1    | 20       | 400   | 2.5 ")
+    assert [name.strip() for name in header.split("|")[1:4]] == ["curve", "kind", "runs"]
+    assert first.startswith("| a     | evaluation | 4    | 20       | 400   | 3.5 [2.5, 4.5]")
+    assert second.startswith(r"| b\|b  | evaluation | 1    | 20       | 400   | 2.5 ")
     lines = list(csv.DictReader((tmp_path / "made" / "here.csv").open()))
     assert [line["curve"] for line in lines] == ["a", "b|b"]
     names = ("runs", "final", "final_low", "final_high", "best", "median")
