@@ -11,6 +11,7 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import Array
 
 UNDISCOUNTED = 1.0
+NEGLIGIBLE = 1e-4  # error of a mean that is shown with four digits, relative to it
 
 
 class Row(NamedTuple):
@@ -132,16 +133,31 @@ class Iteration:
         )
 
 
-def lower_bound(mean: float, sd: float, episodes: int) -> float:
-    r"""Return the mean of returns minus its standard error, or the mean of a single return.
+def standard_error(sd: float, episodes: int) -> float:
+    r"""Return the standard error of a mean return, 0 for a single return.
 
-    .. math:: \bar R - \hat\sigma / \sqrt{M - 1}
+    .. math:: \hat\sigma / \sqrt{M - 1}
+
+    Args:
+        sd: standard deviation of the returns, without Bessel's correction.
+        episodes: number of returns M.
+    """
+    return sd / math.sqrt(episodes - 1) if episodes > 1 else 0.0
+
+
+def lower_bound(mean: float, sd: float, episodes: int) -> float:
+    """Return the mean of returns minus its standard error.
 
     The greatest of many means is often luck: a few very good episodes. Such episodes also widen the interval.
 
     Args:
         mean: mean return.
         sd: standard deviation of the returns, without Bessel's correction.
-        episodes: number of returns M.
+        episodes: number of returns.
     """
-    return mean - sd / math.sqrt(episodes - 1) if episodes > 1 else mean
+    return mean - standard_error(sd, episodes)
+
+
+def with_error(mean: float, error: float) -> str:
+    """Return a mean with four digits, and its standard error if that shows in them."""
+    return f"{mean:.4g}" + (f" \u00b1 {float(f'{error:.2g}'):g}" if error > NEGLIGIBLE * abs(mean) else "")

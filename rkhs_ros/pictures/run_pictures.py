@@ -83,11 +83,23 @@ def curve_figure(
         measured = np.isfinite(some[column])
         if measured.any():
             axes.plot(some[across][measured], some[column][measured], label=name, **look)
+    _draw_errors(axes, curve, across)
     draw_references(axes, references(task))
     label(axes, "exploration episodes" if others else across, "discounted return")
     whole_ticks(axes)
     legend_above(axes)
     return figure
+
+
+def _draw_errors(axes: Axes, curve: Columns, across: str) -> None:
+    """Draw a band of one standard error around the evaluation returns, where several episodes were evaluated."""
+    counts = np.diff(curve["evaluation_episodes"], prepend=0)
+    measured = counts > 1
+    mean, sd = (curve[name][measured] for name in ("evaluation_return", "evaluation_return_sd"))
+    error = sd / np.sqrt(counts[measured] - 1)
+    axes.fill_between(
+        curve[across][measured], mean - error, mean + error, color=COLOURS[0], alpha=0.2, linewidth=0, zorder=1
+    )
 
 
 def attempts_figure(

@@ -8,6 +8,7 @@ import numpy as np
 
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.iteration import standard_error, with_error
 from rkhs_ros.learning.training import Runner
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -120,4 +121,4 @@ def final_evaluation(training: Training, runner: Runner, best: GaussianPolicy, l
 
 
 def _mean(returns: Array) -> str:
-    return f"{returns.mean():.4g} \u00b1 {returns.std(ddof=1) / np.sqrt(len(returns)):.2g}"
+    return with_error(float(returns.mean()), standard_error(float(returns.std()), len(returns)))

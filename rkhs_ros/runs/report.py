@@ -15,7 +15,7 @@ from rkhs_ros import __version__
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.iteration import Iteration, Row, lower_bound
+from rkhs_ros.learning.iteration import Iteration, Row, standard_error, with_error
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
@@ -194,32 +194,30 @@ def resolved(config: Config) -> str:
     return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
 
 
-def evaluation_bounds(rows: Iterable[Row]) -> list[float]:
-    """Return the lower end of the interval of each evaluation return; minus infinity without an evaluation.
-
-    Args:
-        rows: all lines of a curve.
-    """
-    bounds = [
-        lower_bound(
-            row.evaluation_return, row.evaluation_return_sd, row.evaluation_episodes - before.evaluation_episodes
-        )
+def evaluation_errors(rows: Iterable[Row]) -> list[float]:
+    """Return the standard error of each evaluation return of a whole curve; 0 without one."""
+    return [
+        standard_error(row.evaluation_return_sd, row.evaluation_episodes - before.evaluation_episodes)
         for before, row in pairwise([BEGINNING, *rows])
     ]
+
+
+def evaluation_bounds(rows: Sequence[Row]) -> list[float]:
+    """Return each evaluation return of a whole curve minus its standard error; minus infinity without an evaluation."""
+    bounds = [row.evaluation_return - error for row, error in zip(rows, evaluation_errors(rows), strict=True)]
     return [-inf if isnan(bound) else bound for bound in bounds]
 
 
 def summary(folder: Path, config: Config) -> str:
     """Return a summary of a finished run: episodes, time, returns and files."""
     rows = Curve(folder / "curve.csv").rows()
-    first, last = rows[0], rows[-1]
+    last = rows[-1]
     evaluations = f" and {last.evaluation_episodes} evaluation episodes" if last.evaluation_episodes else ""
     final = folder / FINAL_EVALUATION
     lines = [
         f"Trained on {config.environment.id} for {last.episodes} episodes{evaluations} in {last.seconds:.1f} s, "
         f"with {last.steps} steps of experience.",
-        f"Discounted return: {first.exploration_return:.4g} in the first iteration, {_end(rows)}; "
-        f"{len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
+        f"Discounted return: {_returns(rows)}; {len(load_policy(folder / 'policy.npz')[0].mean.centres)} centres.",
         *([f"Final evaluation: {final.read_bytes().decode().strip()}."] if final.is_file() else []),
         f"Pictures: {folder / 'curve.png'} and {folder / 'policy.png'}",
         next_steps(folder, config),
@@ -227,17 +225,18 @@ def summary(folder: Path, config: Config) -> str:
     return "\n".join(lines)
 
 
-def _end(rows: list[Row]) -> str:
-    evaluated = [row for row in rows if not isnan(row.evaluation_return)]
+def _returns(rows: list[Row]) -> str:
+    """Describe the evaluation returns with their standard errors, or else the exploration returns."""
+    errors, bounds = evaluation_errors(rows), evaluation_bounds(rows)
+    evaluated = [number for number, row in enumerate(rows) if not isnan(row.evaluation_return)]
     if not evaluated:
-        return f"{rows[-1].exploration_return:.4g} in the last"
-    bounds, last = evaluation_bounds(rows), evaluated[-1]
-    best = rows[bounds.index(max(bounds))]
-    undiscounted = f"undiscounted {last.undiscounted_evaluation_return:.4g}"
-    return (
-        f"{last.evaluation_return:.4g} ({undiscounted}) in the last evaluation, "
-        f"{best.evaluation_return:.4g} in the best (after {best.episodes} episodes)"
+        return f"{rows[0].exploration_return:.4g} in the first iteration, {rows[-1].exploration_return:.4g} in the last"
+    first, last, best = (
+        f"{with_error(rows[at].evaluation_return, errors[at])} after episode {rows[at].episodes}"
+        for at in (evaluated[0], evaluated[-1], bounds.index(max(bounds)))
     )
+    undiscounted = f"undiscounted {rows[evaluated[-1]].undiscounted_evaluation_return:.4g}"
+    return f"{first}, {last} ({undiscounted}), at best {best}"
 
 
 def interruption_summary(folder: Path, config: Config) -> str:
@@ -251,10 +250,11 @@ def interruption_summary(folder: Path, config: Config) -> str:
 
 
 def next_steps(folder: Path, config: Config) -> str:
-    """Return the folder of a finished run, and the commands that show and continue it."""
+    """Return the folder of a finished run, and the commands that show, measure and continue it."""
     name, longer = quote(str(folder)), 2 * config.training.iterations
     named = f"{name}{_environment(config)}"
-    return f"Results: {name}; view: rkhs view {named}; continue: rkhs train --resume {named} --iterations {longer}"
+    commands = f"view: rkhs view {named}; measure: rkhs evaluate {named}"
+    return f"Results: {name}; {commands}; continue: rkhs train --resume {named} --iterations {longer}"
 
 
 def resume_hint(folder: Path, config: Config) -> str:

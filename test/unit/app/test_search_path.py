@@ -37,7 +37,7 @@ def foreign_run(rkhs: Rkhs, monkeypatch: pytest.MonkeyPatch) -> Path:
     Path("theirs.py").write_text(MODULE)
     train = ("train", "--env", NAME, *INLINE, "--iterations", 1, "--out", "run")
     done = rkhs(*train, "--set", *SHORT)
-    assert f"rkhs view run --env {NAME}; continue: rkhs train --resume run --env {NAME} --iterations 2" in done.out
+    assert f"rkhs evaluate run --env {NAME}; continue: rkhs train --resume run --env {NAME} --iterations 2" in done.out
     sys.modules.pop("theirs")
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path != os.getcwd()])
     Path("theirs.py").write_text(f"open('imported', 'w').close()\n{MODULE}")

@@ -120,11 +120,21 @@ def curve(iterations: int, size: float) -> dict[str, Array]:
         "iteration": np.arange(1.0, iterations + 1),
         "exploration_return": size * rng.normal(size=iterations),
         "evaluation_return": mean,
+        "evaluation_return_sd": np.where(np.isnan(mean), np.nan, 0.1 * size),
+        "evaluation_episodes": np.cumsum(np.where(np.isnan(mean), 0, 10)),
         "model_return": size * (1.0 + 0.1 * rng.normal(size=iterations)),
     }
 
 
 # Layout
+
+
+def test_a_band_shows_the_standard_errors_of_evaluations() -> None:
+    rows = curve(5, 2.0)
+    (band,) = curve_figure(rows, PENDULUM).axes[0].collections
+    low, high = (pick(band.get_paths()[0].vertices[:, 1]) for pick in (np.min, np.max))
+    measured = rows["evaluation_return"][::2]
+    np.testing.assert_allclose([low, high], [measured.min() - 0.2 / 3, measured.max() + 0.2 / 3])
 
 
 @SIZES

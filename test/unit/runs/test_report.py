@@ -1,18 +1,19 @@
 import csv
+from dataclasses import replace
 from math import inf, nan, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.iteration import Row, lower_bound
+from rkhs_ros.learning.iteration import Row, lower_bound, with_error
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
-from rkhs_ros.runs.curve import BEGINNING
-from rkhs_ros.runs.report import evaluation_bounds
+from rkhs_ros.runs.curve import BEGINNING, Curve
+from rkhs_ros.runs.report import evaluation_bounds, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import arrays_of, model_free
 
@@ -70,6 +71,27 @@ def test_the_bound_is_the_mean_minus_its_standard_error() -> None:
     standard_error = returns.std(ddof=1) / sqrt(len(returns))
     assert lower_bound(float(returns.mean()), float(returns.std()), 4) == pytest.approx(3.0 - standard_error)
     assert lower_bound(7.0, 0.0, 1) == 7.0
+
+
+def test_a_mean_is_shown_with_its_standard_error_unless_that_is_negligible() -> None:
+    assert [with_error(-57.36, error) for error in (1.0, 123.4, 1e-3)] == [
+        "-57.36 \u00b1 1",
+        "-57.36 \u00b1 120",
+        "-57.36",
+    ]
+
+
+@pytest.mark.parametrize("every", [0, 1])
+def test_the_summary_gives_returns_of_one_kind(tmp_path: Path, runner: InlineRunner, every: int) -> None:
+    config = replace(CONFIG, training=replace(TRAINING, evaluate_every=every))
+    folder = run_training(config, runner, tmp_path / "run", quiet=True)
+    first, last = Curve(folder / "curve.csv").rows()
+    returns = f"{first.exploration_return:.4g} in the first iteration, {last.exploration_return:.4g} in the last"
+    if every:
+        shown = [with_error(each.evaluation_return, each.evaluation_return_sd) for each in (first, last)]
+        undiscounted = f"undiscounted {last.undiscounted_evaluation_return:.4g}"
+        returns = f"{shown[0]} after episode 3, {shown[1]} after episode 6 ({undiscounted}), at best "
+    assert f"Discounted return: {returns}" in summary(folder, config)
 
 
 def test_lines_give_the_bounds_of_their_own_episodes() -> None:
