@@ -204,6 +204,7 @@ class Learner:
         has_model: whether its budget is that of learners with a model.
         holds_actions: whether it uses the action repeat that ours chose.
         packages: packages that must be installed.
+        waits: steps before its first update.
     """
 
     learn: Callable[[Trial], Iterable[Point]]
@@ -211,18 +212,20 @@ class Learner:
     has_model: bool = False
     holds_actions: bool = False
     packages: tuple[str, ...] = ()
+    waits: int = 0
 
 
+WAITS = 100  # steps: the default of Stable-Baselines3
 SAC, CROSSQ = (partial(deep_learning, name) for name in ("SAC", "CrossQ"))
 OF_SAC, OF_CROSSQ = ("stable-baselines3", "torch"), ("stable-baselines3", "sb3-contrib", "torch")
 LEARNERS = {
     "ours": Learner(policy_search, has_model=True),
     "no-model": Learner(policy_search, ("model.form=none",)),
     "linear-cma-es": Learner(linear_cma_es, packages=("cmaes",)),
-    "sac": Learner(SAC, packages=OF_SAC),
-    "sac-held": Learner(SAC, holds_actions=True, packages=OF_SAC),
-    "crossq": Learner(CROSSQ, packages=OF_CROSSQ),
-    "crossq-held": Learner(CROSSQ, holds_actions=True, packages=OF_CROSSQ),
+    "sac": Learner(SAC, packages=OF_SAC, waits=WAITS),
+    "sac-held": Learner(SAC, holds_actions=True, packages=OF_SAC, waits=WAITS),
+    "crossq": Learner(CROSSQ, packages=OF_CROSSQ, waits=WAITS),
+    "crossq-held": Learner(CROSSQ, holds_actions=True, packages=OF_CROSSQ, waits=WAITS),
 }
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.studies.aggregates import CONFIDENCE, RESAMPLES, SEED, Estimate, mean_over_runs
@@ -161,8 +162,8 @@ def summary(cells: Cells) -> str:
     Between them are the episodes that ours needed for the criteria that tasks have besides the return.
     """
     learners = [learner for learner in LEARNERS if any(learner in its for its in cells.values())]
-    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " | Later below |"]
-    lines.append("|---" * (3 + len(learners)) + "|")
+    lines = ["| Task | Return | " + " | ".join(f"`{learner}`" for learner in learners) + " | Later below | At most |"]
+    lines.append("|---" * (4 + len(learners)) + "|")
     for task, its in cells.items():
         threshold = TASKS[task].thresholds[0]
         found = [
@@ -171,7 +172,7 @@ def summary(cells: Cells) -> str:
         ]
         name = f"[`{task}`](results/tasks/{task}.png)" if "ours" in its else f"`{task}`"
         kept = its["ours"].below(threshold) if "ours" in its else "-"
-        lines.append(f"| {name} | {_minus(f'{threshold:g}')} | {' | '.join(found)} | {kept} |")
+        lines.append(f"| {name} | {_minus(f'{threshold:g}')} | {' | '.join(found)} | {kept} | {TASKS[task].episodes} |")
     for task, its in cells.items():
         if "ours" in its and TASKS[task].success:
             needed = shown(its["ours"].until_success())
@@ -254,7 +255,7 @@ def _over_tasks(
 
 def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
     """Return the returns of the learners over episodes and over seconds of experience: medians and quartiles."""
-    figure = Figure((9.0, 2.8), layout="constrained")
+    figure = Figure((9.0, 3.0), layout="constrained")
     units = {"episodes": 1.0} | (
         {} if np.isnan(TASKS[task].rate) else {"seconds of experience": 1.0 / TASKS[task].rate}
     )
@@ -266,26 +267,35 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
             at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
             at = at[at >= first]  # before, the median would be of some runs alone
             steady = [_held(cell, curve, counted, at) for curve in cell.curves]
-            low, middle, high = np.nanquantile(steady, (0.25, 0.5, 0.75), axis=0)
+            low, middle, high = np.quantile(steady, (0.25, 0.5, 0.75), axis=0)
             (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
             panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
     for panel, name in zip(panels, units, strict=True):
-        panel.set(xscale="log", xlabel=name)
-        panel.xaxis.set_major_formatter(ScalarFormatter())
+        _count_along(panel, name)
         for threshold in TASKS[task].thresholds:
-            panel.axhline(threshold, color="0.7", linewidth=0.8, linestyle=":")
+            panel.axhline(threshold, color="0.5", linewidth=0.8, linestyle=":")
+        first = TASKS[task].thresholds[0]
+        panel.annotate(_minus(f"{first:g}"), (1.01, first), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
     names = panels[0].get_legend_handles_labels()
-    figure.legend(*names, loc="outside upper center", ncols=len(cells), fontsize="small", frameon=False)
+    figure.legend(*names, loc="outside upper center", ncols=len(cells), fontsize="small", frameon=False, title=task)
     return figure
 
 
+def _count_along(panel: Axes, name: str) -> None:
+    """Give a panel a logarithmic axis of counts, with plain numbers."""
+    panel.set(xscale="log", xlabel=name)
+    low, high = panel.get_xlim()
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 500.0 * low else (1.0,)))
+    panel.xaxis.set_major_formatter("{x:,g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())
+
+
 def _held(cell: Cell, curve: Sequence[Point], counted: str, at: Array) -> Array:
-    """Return the return of the last point before each count; nan before the first point and after the last one."""
+    """Return the return of the last point before each count, none of which is before the first point."""
     counts = np.array([getattr(point, counted) for point in curve])
     last = np.searchsorted(counts, at, side="right") - 1
-    values = cell.returns(curve)[np.maximum(last, 0)]
-    return np.where((last >= 0) & (at <= counts[-1]), values, np.nan)
+    return cell.returns(curve)[last]
 
 
 def picture_of_all(cells: Cells) -> Figure:
@@ -302,8 +312,8 @@ def picture_of_all(cells: Cells) -> Figure:
             share = profile(counts, at)
             panel.step(at, share.value, where="post", label=learner, color=COLOURS[learner])
             panel.fill_between(at, share.low, share.high, step="post", alpha=0.2, color=COLOURS[learner], linewidth=0)
-        panel.set(xscale="log", xlabel=measure, xlim=(1.0, None), ylim=(-0.03, 1.03))
-        panel.xaxis.set_major_formatter(ScalarFormatter())
+        _count_along(panel, measure)
+        panel.set(xlim=(1.0, None), ylim=(-0.03, 1.03))
     panel.legend(fontsize="small", frameon=False)
     figure.supylabel(f"share of runs, {len(common)} tasks", fontsize="medium")
     return figure

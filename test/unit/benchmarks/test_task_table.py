@@ -102,7 +102,7 @@ def test_table_and_page_are_those_of_the_stored_curves() -> None:
     lines = [
         line.strip("| ").split(" | ") for line in (page + README.read_text()).splitlines() if line[:3] in ("| [", "| `")
     ]
-    rows = {line[0].split("`")[1]: line for line in lines if len(line) == 9}
+    rows = {line[0].split("`")[1]: line for line in lines if line[0].startswith("[")}
     quoted = [line for line in lines if len(line) == 5 and line[0].strip("`") in rows]
     assert len(quoted) == 5
     for name, *figures in quoted:
