@@ -98,6 +98,9 @@ def load_acting(
     if isinstance(policy, Policy):
         gaussian, task, what = policy.gaussian, policy.task, "policy"
     else:
+        require(
+            isinstance(policy, str | Path), "policy", "a policy, its file, or a run's folder", type(policy).__name__
+        )
         path, what = Path(policy), f"{policy}"
         gaussian, task = load_policy(last_policy(path) if path.is_dir() else path)
     if source is not None and not isinstance(source, str):
