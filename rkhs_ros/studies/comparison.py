@@ -22,8 +22,8 @@ NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate grou
 Line = Mapping[str, Any]  # of a table, by column; all lines have the same columns
 CAPTION = (
     "Discounted evaluation returns unless noted otherwise. Brackets show 95 % intervals over the runs by stratified\n"
-    "bootstrap. The interquartile mean and the median are those of the final returns. The area under the curve is the\n"
-    "mean return over the exploration episodes."
+    "bootstrap. They are too narrow for fewer than five runs. The interquartile mean and the median are those of the\n"
+    "final returns. The area under the curve is the mean return over the exploration episodes."
 )
 
 
