@@ -17,7 +17,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from cmaes import CMA
 
 import sim_nodes.envs  # noqa: F401  # registers the project's tasks
 from rkhs_ros.learning.training import train
@@ -71,6 +70,8 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
 
 def linear_cma_es(trial: Trial) -> Iterator[Point]:
     """Run CMA-ES of the package ``cmaes`` with its default population, and evaluate its mean after each generation."""
+    from cmaes import CMA  # here, since only this learner needs it
+
     training, inputs = trial.config.training, trial.config.training.inputs
     runner = MeteredRunner(trial)
     spaces = runner.spaces

@@ -331,10 +331,12 @@ def text_of_table(cells: Mapping[str, Mapping[str, Cell]]) -> str:
 def make_table(curves: Curves) -> None:
     """Write the table, the part of the page, and the pictures."""
     cells = cells_of(curves)
-    TABLE.write_text(text_of_table(cells))
-    PAGE.write_text(page_with(summary(cells)))
+    table, page = text_of_table(cells), page_with(summary(cells))
     pictures = {task: picture(task, its) for task, its in cells.items() if "ours" in its}
-    for name, figure in {"all": picture_of_all(cells), **pictures}.items():
+    pictures["all"] = picture_of_all(cells)
+    TABLE.write_text(table)  # now that all can be made
+    PAGE.write_text(page)
+    for name, figure in pictures.items():
         figure.savefig(RESULTS / f"{name}.png", dpi=100)
 
 

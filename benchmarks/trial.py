@@ -279,5 +279,5 @@ def write_curves(path: Path, curves: Curves) -> None:
     writer.writerow(HEAD)
     for key in sorted(curves):
         for point in curves[key]:
-            writer.writerow((*key, *(f"{value:.6g}" for value in point)))
+            writer.writerow((*key, *(str(value) if isinstance(value, int) else f"{value:.6g}" for value in point)))
     write_whole(path, text.getvalue().encode())

@@ -15,6 +15,7 @@ from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.user_code import is_interrupt
 from rkhs_ros.base.validation import LARGEST, all_within, require, truncated
 from rkhs_ros.policies.inputs import reported_names
+from rkhs_ros.policies.messages import FLOATS
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
@@ -23,7 +24,7 @@ from rkhs_ros.rollouts.environments import Source, env_batch_of, name_of, option
 
 Answer = TypeVar("Answer")
 STEP_SECONDS = ("step_seconds", "dt", "tau")  # attributes of environments, by priority
-CONTINUOUS = "a continuous space (a Box of numbers)"
+CONTINUOUS = "a continuous space (a Box of floating-point numbers)"
 
 
 class Frame(NamedTuple):
@@ -90,6 +91,8 @@ class Simulation:
 
     def _describe(self) -> None:
         actions = _continuous(self._envs.action_space, f"{self.environment} actions")
+        name = np.dtype(actions.dtype).name
+        require(name in FLOATS, f"{self.environment} actions", f"numbers of type {' or '.join(FLOATS)}", name)
         self.observation_space = _continuous(self._envs.observation_space, f"{self.environment} observations")
         sizes = {"observation": self.observation_space, "action": actions}
         names = (

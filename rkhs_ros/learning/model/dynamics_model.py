@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from rkhs_ros.rkhs.posterior import Posterior
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
 BEYOND = 0.5  # of the distance of two recorded initial observations, how far others may lie beyond them
 VARYING = 0.1  # spread of the initial observations above which they vary, relative to that of the visited ones
+FEWEST_VALUES = 10  # of a column that has limits; flags and other switches take fewer
 MOST_TRANSITIONS = 20_000  # more make a fit slower but hardly better
 NO_PRIORS = Priors()
 
@@ -49,6 +51,7 @@ class DynamicsModel:
             there; None with a prior, or if no episode was terminated.
         low: lower end of the observed range, shape (d,); -inf for periodic columns.
         high: upper end of the observed range, shape (d,); inf for periodic columns.
+        takes_few_values: whether each column repeats a few values, such as a flag, shape (d,).
         least_reward: smallest observed reward of a non-terminal step.
         starts: observed initial observations, shape (N, d).
         starts_vary: whether initial observations may differ by more than a tenth of the spread of all observations.
@@ -64,6 +67,7 @@ class DynamicsModel:
     termination: Limits | Posterior | None
     low: Array
     high: Array
+    takes_few_values: NDArray[np.bool_]
     least_reward: float
     starts: Array
     starts_vary: bool
@@ -140,8 +144,12 @@ class DynamicsModel:
         return np.minimum(np.maximum(observations, self._lowest), self._highest)
 
     def at_limits(self, observations: Array) -> NDArray[np.bool_]:
-        """Return which numbers of observations, shape (..., d), lie at the limits of `possible`: shape (..., d)."""
-        return np.asarray((observations <= self._lowest) | (observations >= self._highest))
+        """Return which numbers of observations, shape (..., d), lie at the limits of `possible`: shape (..., d).
+
+        The model is wrong between the few values of a flag, but that does not mean that it knows little.
+        """
+        beyond = (observations <= self._lowest) | (observations >= self._highest)
+        return np.asarray(beyond & ~self.takes_few_values)
 
     def clip_to_observed(self, observations: Array) -> Array:
         """Return observations, shape (..., d), clipped to the observed range."""
@@ -220,9 +228,11 @@ def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Limits | P
     return fit_termination(before, after, steps.terminated, centres)
 
 
-def _bounds(steps: Transitions, coordinates: StateCoordinates) -> dict[str, Array]:
-    """Return the range of the observations, infinite for periodic columns."""
+def _bounds(steps: Transitions, coordinates: StateCoordinates) -> dict[str, Any]:
+    """Return the range of the observations, infinite for periodic columns, and which columns repeat a few values."""
     observed = np.concatenate([steps.observations, steps.next_observations])
     low, high = observed.min(axis=0), observed.max(axis=0)
     low[coordinates.periodic], high[coordinates.periodic] = -np.inf, np.inf
-    return {"low": low, "high": high}
+    distinct = np.array([len(np.unique(column)) for column in steps.observations.T])
+    few = (distinct < FEWEST_VALUES) & (2 * distinct < len(steps.observations))
+    return {"low": low, "high": high, "takes_few_values": few}

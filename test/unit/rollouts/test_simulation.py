@@ -55,6 +55,14 @@ def test_observations_and_actions_are_flattened(walk: Simulation) -> None:
     assert frame.active.all()
 
 
+def test_actions_of_a_type_that_recordings_do_not_have_are_refused() -> None:
+    class Half(Walk):
+        action_space = Box(-1.0, 2.0, (1, 2), np.float16)
+
+    with pytest.raises(ValueError, match=r"Half actions: expected numbers of type float32 or float64, got float16"):
+        Simulation(Half)
+
+
 def test_a_finished_episode_has_no_further_reward(walk: Simulation) -> None:
     walk.start(batch(3, 8))
     pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, and immediately

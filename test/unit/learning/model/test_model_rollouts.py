@@ -308,6 +308,18 @@ def test_termination_only_truncates_a_rollout(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(difference, -model.rewards.terminal.mean * ending.terminated)
 
 
+@pytest.mark.parametrize(("rows", "limited"), [(ROWS, False), (1, True)])
+def test_columns_that_repeat_a_few_values_have_no_limits(rng: np.random.Generator, rows: int, limited: bool) -> None:
+    episodes = simulated_episodes(rng, rows=rows)
+    flags = [np.rint(each) if rows > 1 else each for each in (episodes.observations, episodes.final_observations)]
+    for flag, numbers in zip(flags, (episodes.observations, episodes.final_observations), strict=True):
+        flag[..., 0] = numbers[..., 0]
+    model = DynamicsModel.fit(
+        replace(episodes, observations=flags[0], final_observations=flags[1]), Inputs(), SPACES, 9
+    )
+    assert model.at_limits(np.full((1, 2), 1e9)).tolist() == [[True, limited]]
+
+
 def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator) -> None:
     inputs = Inputs(history=3, angles=(0.0,))
     episodes = simulated_episodes(rng, rows=40, ending=True)
