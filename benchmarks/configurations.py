@@ -24,7 +24,7 @@ from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
-from rkhs_ros.base.validation import require
+from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.training_settings import NoModel
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -233,7 +233,8 @@ def as_markdown(results: Iterable[Result]) -> str:
 def is_of(name: str, thresholds: tuple[float, ...]) -> bool:
     """Return whether the thresholds belong to the task of a configuration."""
     own, _ = CMA_ES.get(name, (name, None))
-    return THRESHOLDS[load_config(CONFIGS / f"{own}.yaml").environment.id] == thresholds
+    task = load_config(CONFIGS / f"{own}.yaml").environment.id
+    return pick(task, THRESHOLDS, "task with thresholds") == thresholds
 
 
 def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
@@ -265,6 +266,10 @@ def seeds_of(name: str) -> str:
 def main(options: Namespace) -> None:
     """Train what is requested, store each result, and print the tables."""
     stored = read_results(options.out) if options.out and (options.tables or options.out.exists()) else []
+    for name in options.names:
+        is_of(name, ())  # raises ValueError before the training rather than after it
+    if options.out and not options.tables:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
     require(not options.tables or options.out is not None, "--tables", "--out with the file of the results", "none")
     results, changes = {(each.name, each.seed): each for each in stored}, QUICK_CHANGES if options.quick else ()
     work = [
