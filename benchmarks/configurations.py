@@ -140,7 +140,7 @@ def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
     evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
     config = load_config(CONFIGS / f"{own}.yaml", [f"seed={seed}", evaluation, *changes])
     curve = learnt(config) if sd is None else search(config, FEATURES[own], sd)
-    return result_of(name, seed, THRESHOLDS[config.environment.id], curve)
+    return result_of(name, seed, thresholds_of(name), curve)
 
 
 def learnt(config: Config) -> Iterator[tuple[int, float]]:
@@ -226,15 +226,14 @@ HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst",
 def as_markdown(results: Iterable[Result]) -> str:
     """Return one table per pair of thresholds of which there are results."""
     found = summaries(results)
-    tables = {t: {name: each for name, each in found.items() if is_of(name, t)} for t in THRESHOLDS.values()}
+    tables = {t: {name: each for name, each in found.items() if thresholds_of(name) == t} for t in THRESHOLDS.values()}
     return "\n".join(_table(thresholds, its) for thresholds, its in tables.items() if its)
 
 
-def is_of(name: str, thresholds: tuple[float, ...]) -> bool:
-    """Return whether the thresholds belong to the task of a configuration."""
+def thresholds_of(name: str) -> tuple[float, ...]:
+    """Return the thresholds of the task of a configuration; raise ValueError if there are none."""
     own, _ = CMA_ES.get(name, (name, None))
-    task = load_config(CONFIGS / f"{own}.yaml").environment.id
-    return pick(task, THRESHOLDS, "task with thresholds") == thresholds
+    return pick(load_config(CONFIGS / f"{own}.yaml").environment.id, THRESHOLDS, "task with thresholds")
 
 
 def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
@@ -267,9 +266,7 @@ def main(options: Namespace) -> None:
     """Train what is requested, store each result, and print the tables."""
     stored = read_results(options.out) if options.out and (options.tables or options.out.exists()) else []
     for name in options.names:
-        is_of(name, ())  # raises ValueError before the training rather than after it
-    if options.out and not options.tables:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
+        thresholds_of(name)  # fails before the training rather than after it
     require(not options.tables or options.out is not None, "--tables", "--out with the file of the results", "none")
     results, changes = {(each.name, each.seed): each for each in stored}, QUICK_CHANGES if options.quick else ()
     work = [
@@ -277,6 +274,8 @@ def main(options: Namespace) -> None:
         for name in ([] if options.tables else options.names or names())
         for seed in parse_seeds(options.seeds or seeds_of(name))
     ]
+    if options.out:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
     for result in run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick):
         results[result.name, result.seed] = result
         if options.out:

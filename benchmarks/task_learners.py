@@ -216,17 +216,17 @@ class Learner:
     waits: int = 0
 
 
-WAITS = 100  # steps: the default of Stable-Baselines3
+Deep = partial(Learner, waits=100)  # the default of Stable-Baselines3
 SAC, CROSSQ = (partial(deep_learning, name) for name in ("SAC", "CrossQ"))
 OF_SAC, OF_CROSSQ = ("stable-baselines3", "torch"), ("stable-baselines3", "sb3-contrib", "torch")
 LEARNERS = {
     "ours": Learner(policy_search, has_model=True),
     "no-model": Learner(policy_search, ("model.form=none",)),
     "linear-cma-es": Learner(linear_cma_es, packages=("cmaes",)),
-    "sac": Learner(SAC, packages=OF_SAC, waits=WAITS),
-    "sac-held": Learner(SAC, holds_actions=True, packages=OF_SAC, waits=WAITS),
-    "crossq": Learner(CROSSQ, packages=OF_CROSSQ, waits=WAITS),
-    "crossq-held": Learner(CROSSQ, holds_actions=True, packages=OF_CROSSQ, waits=WAITS),
+    "sac": Deep(SAC, packages=OF_SAC),
+    "sac-held": Deep(SAC, holds_actions=True, packages=OF_SAC),
+    "crossq": Deep(CROSSQ, packages=OF_CROSSQ),
+    "crossq-held": Deep(CROSSQ, holds_actions=True, packages=OF_CROSSQ),
 }
 
 

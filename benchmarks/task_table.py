@@ -274,8 +274,8 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
         _count_along(panel, name)
         for threshold in TASKS[task].thresholds:
             panel.axhline(threshold, color="0.5", linewidth=0.8, linestyle=":")
-        first = TASKS[task].thresholds[0]
-        panel.annotate(_minus(f"{first:g}"), (1.01, first), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+        least = TASKS[task].thresholds[0]
+        panel.annotate(_minus(f"{least:g}"), (1.01, least), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
     names = panels[0].get_legend_handles_labels()
     figure.legend(*names, loc="outside upper center", ncols=len(cells), fontsize="small", frameon=False, title=task)

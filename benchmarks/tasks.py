@@ -62,13 +62,14 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                 print(f"skipped: {task} by {learner}: expected {why}", file=sys.stderr)
                 continue
             for key in (Key(task, learner, seed) for seed in options.seeds):
+                if key in curves:
+                    continue
                 trial = trial_of(TASKS[task], learner, key.seed, (chosen.holds_actions and repeat) or 1)
                 if trial.episodes * trial.config.training.horizon <= chosen.waits:
                     why = f"more than {chosen.waits} steps, after which it begins to learn"
                     print(f"skipped: {task} by {learner}: expected {why}", file=sys.stderr)
                     break
-                if key not in curves:
-                    yield key, trial
+                yield key, trial
 
 
 @one_thread()

@@ -105,9 +105,17 @@ class Iteration:
         return float(self.evaluation.returns(UNDISCOUNTED).mean()) if len(self.evaluation) else float("nan")
 
     @property
+    def evaluation_error(self) -> float:
+        """Standard error of the evaluation return; 0 in an iteration without evaluation."""
+        return standard_error(self.evaluation_return_sd, len(self.evaluation))
+
+    @property
     def evaluation_bound(self) -> float:
-        """Lower end of the interval of the evaluation return; nan in an iteration without evaluation."""
-        return lower_bound(self.evaluation_return, self.evaluation_return_sd, len(self.evaluation))
+        """The evaluation return minus its standard error; nan in an iteration without evaluation.
+
+        The greatest of many means is often luck: a few very good episodes. Such episodes also widen the interval.
+        """
+        return self.evaluation_return - self.evaluation_error
 
     def row(self, seconds: float) -> Row:
         """Return the numbers of the iteration, which finished a number of seconds after the start of the run."""
@@ -143,19 +151,6 @@ def standard_error(sd: float, episodes: int) -> float:
         episodes: number of returns M.
     """
     return sd / math.sqrt(episodes - 1) if episodes > 1 else 0.0
-
-
-def lower_bound(mean: float, sd: float, episodes: int) -> float:
-    """Return the mean of returns minus its standard error.
-
-    The greatest of many means is often luck: a few very good episodes. Such episodes also widen the interval.
-
-    Args:
-        mean: mean return.
-        sd: standard deviation of the returns, without Bessel's correction.
-        episodes: number of returns.
-    """
-    return mean - standard_error(sd, episodes)
 
 
 def with_error(mean: float, error: float) -> str:

@@ -20,7 +20,7 @@ from rkhs_ros.policies.inputs import Names
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy
 from rkhs_ros.recordings.recording import FILE, faults_named, read_recording
-from rkhs_ros.runs.curve import Curve, columns
+from rkhs_ros.runs.curve import Curve, columns, evaluation_errors
 from rkhs_ros.studies.aggregates import mean_over_runs
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
@@ -92,14 +92,10 @@ def curve_figure(
 
 
 def _draw_errors(axes: Axes, curve: Columns, across: str) -> None:
-    """Draw a band of one standard error around the evaluation returns, where several episodes were evaluated."""
-    counts = np.diff(curve["evaluation_episodes"], prepend=0)
-    measured = counts > 1
-    mean, sd = (curve[name][measured] for name in ("evaluation_return", "evaluation_return_sd"))
-    error = sd / np.sqrt(counts[measured] - 1)
-    axes.fill_between(
-        curve[across][measured], mean - error, mean + error, color=COLOURS[0], alpha=0.2, linewidth=0, zorder=1
-    )
+    """Draw a band of one standard error around the evaluation returns."""
+    measured = np.isfinite(curve["evaluation_return"])
+    at, mean, error = (its[measured] for its in (curve[across], curve["evaluation_return"], evaluation_errors(curve)))
+    axes.fill_between(at, mean - error, mean + error, color=COLOURS[0], alpha=0.2, linewidth=0, zorder=1)
 
 
 def attempts_figure(

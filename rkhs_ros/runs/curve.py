@@ -3,7 +3,7 @@
 The columns are the fields of `rkhs_ros.learning.iteration.Row`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.files import named, write_whole
 from rkhs_ros.base.validation import require, require_extra, truncated
-from rkhs_ros.learning.iteration import Row
+from rkhs_ros.learning.iteration import Row, standard_error
 
 END = "\r\n"
 PACE_OF = 20  # last iterations, whose mean duration predicts the rest
@@ -25,6 +25,16 @@ NAN = float("nan")
 def columns(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
     """Return the columns as arrays by name."""
     return {name: np.array([getattr(row, name) for row in rows]) for name in Row._fields}
+
+
+def evaluation_errors(curve: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return the standard error of each evaluation return of a whole curve, 0 without an evaluation.
+
+    Args:
+        curve: the columns of all lines.
+    """
+    counts = np.diff(curve["evaluation_episodes"], prepend=0)
+    return np.array(list(map(standard_error, curve["evaluation_return_sd"], counts)))
 
 
 def seconds_left(rows: Sequence[Row], iterations: int) -> float:

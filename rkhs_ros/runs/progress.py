@@ -21,7 +21,7 @@ from rich.table import Column
 from rich.text import Text
 
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.iteration import Iteration, standard_error, with_error
+from rkhs_ros.learning.iteration import Iteration, with_error
 from rkhs_ros.learning.state import settings_of
 from rkhs_ros.learning.training_settings import Training
 
@@ -74,8 +74,7 @@ def progress_bar(
         def show(iteration: Iteration, advice: Advice | None = None) -> None:
             nonlocal evaluation, due
             if len(iteration.evaluation):
-                error = standard_error(iteration.evaluation_return_sd, len(iteration.evaluation))
-                evaluation = with_error(iteration.evaluation_return, error)
+                evaluation = with_error(iteration.evaluation_return, iteration.evaluation_error)
             returns = (
                 f"returns: exploration {iteration.exploration_return:.4g}, evaluation {evaluation}{_model(iteration)}"
             )

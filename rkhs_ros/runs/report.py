@@ -3,10 +3,9 @@
 import platform
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import version
-from itertools import pairwise
 from math import inf, isnan
 from pathlib import Path
 from shlex import quote
@@ -15,13 +14,13 @@ from rkhs_ros import __version__
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.diagnosis import Advice
-from rkhs_ros.learning.iteration import Iteration, Row, standard_error, with_error
+from rkhs_ros.learning.iteration import Iteration, Row, with_error
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy, save_policy
 from rkhs_ros.rollouts.evaluation import FinalEvaluation
 from rkhs_ros.runs.config import Config
-from rkhs_ros.runs.curve import BEGINNING, Curve
+from rkhs_ros.runs.curve import Curve, columns, evaluation_errors
 
 LIBRARIES = {name: version(name) for name in ("numpy", "scipy")}
 CONFIGURATION = "config.yaml"
@@ -194,17 +193,10 @@ def resolved(config: Config) -> str:
     return f"# {', '.join(provenance_lines())}\n{dumped(config.parameters())}"
 
 
-def evaluation_errors(rows: Iterable[Row]) -> list[float]:
-    """Return the standard error of each evaluation return of a whole curve; 0 without one."""
-    return [
-        standard_error(row.evaluation_return_sd, row.evaluation_episodes - before.evaluation_episodes)
-        for before, row in pairwise([BEGINNING, *rows])
-    ]
-
-
 def evaluation_bounds(rows: Sequence[Row]) -> list[float]:
     """Return each evaluation return of a whole curve minus its standard error; minus infinity without an evaluation."""
-    bounds = [row.evaluation_return - error for row, error in zip(rows, evaluation_errors(rows), strict=True)]
+    curve = columns(rows)
+    bounds = (curve["evaluation_return"] - evaluation_errors(curve)).tolist()
     return [-inf if isnan(bound) else bound for bound in bounds]
 
 
@@ -227,7 +219,7 @@ def summary(folder: Path, config: Config) -> str:
 
 def _returns(rows: list[Row]) -> str:
     """Describe the evaluation returns with their standard errors, or else the exploration returns."""
-    errors, bounds = evaluation_errors(rows), evaluation_bounds(rows)
+    errors, bounds = evaluation_errors(columns(rows)), evaluation_bounds(rows)
     evaluated = [number for number, row in enumerate(rows) if not isnan(row.evaluation_return)]
     if not evaluated:
         return f"{rows[0].exploration_return:.4g} in the first iteration, {rows[-1].exploration_return:.4g} in the last"
