@@ -26,7 +26,7 @@ from rkhs_ros.runs.config import config_for
 from rkhs_ros.studies.workers import run_parallel
 from task_learners import LEARNERS, missing
 from task_table import RESULTS, Cell, cells_of, make_table, shown, summary
-from trial import TASKS, Curves, Key, Point, Task, Trial, read_curves, write_curves
+from trial import TASKS, Curves, Key, Point, Task, Trial, add_curves, read_curves
 
 CURVES = RESULTS / "curves.csv"
 BUDGET = 100  # episodes of learners without a model
@@ -93,7 +93,7 @@ def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], option
     work = list(dict(asked_for).items())
     options.curves.parent.mkdir(parents=True, exist_ok=True)
     if work:
-        write_curves(options.curves, read_curves(options.curves))  # fails before the training rather than after it
+        add_curves(options.curves, {})  # fails before the training rather than after it
     else:
         print("nothing to train")
     failed = False
@@ -102,7 +102,7 @@ def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], option
             failed = True
             print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
         else:
-            write_curves(options.curves, read_curves(options.curves) | {key: result})  # others may write, too
+            add_curves(options.curves, {key: result})
             print(reached(key, result), flush=True)
     return FAILED if failed else 0
 

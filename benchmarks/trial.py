@@ -1,6 +1,8 @@
 """The table of tasks: the input of a learner, its learning curve, and what measures it."""
 
 import csv
+import fcntl
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -272,12 +274,21 @@ def read_curves(path: Path) -> Curves:
     return curves
 
 
-def write_curves(path: Path, curves: Curves) -> None:
-    """Write a file of curves, sorted by task, learner and seed."""
+def add_curves(path: Path, curves: Curves) -> None:
+    """Add curves to a file, sorted by task, learner and seed; its folder is locked, since other processes add, too."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        write_whole(path, _as_csv(read_curves(path) | curves).encode())
+    finally:
+        os.close(folder)
+
+
+def _as_csv(curves: Curves) -> str:
     text = StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEAD)
     for key in sorted(curves):
         for point in curves[key]:
             writer.writerow((*key, *(str(value) if isinstance(value, int) else f"{value:.6g}" for value in point)))
-    write_whole(path, text.getvalue().encode())
+    return text.getvalue()

@@ -1,6 +1,7 @@
 """The table of tasks in benchmarks/."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import task_table
 import tasks
 from rkhs_ros.base.endings import BAD_INPUT
 from task_learners import LEARNERS
-from trial import HEAD, TASKS, Key, Point, read_curves, write_curves
+from trial import HEAD, TASKS, Key, Point, add_curves, read_curves
 
 README = Path(__file__).parents[3] / "README.md"
 
@@ -34,9 +35,9 @@ def curve(returns: list[float]) -> list[Point]:
 
 
 def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
-    keys = [Key("tanks", "ours", 2), Key("tanks", "sac", 1), Key("tanks", "sac", 0)]
-    curves = {key: curve([float(key.seed), -5.0]) for key in keys}
-    write_curves(tmp_path / "curves.csv", curves)
+    curves = {Key("tanks", name, seed): curve([float(seed), -5.0]) for name in ("ours", "sac") for seed in range(20)}
+    with ThreadPoolExecutor(8) as pool:  # as processes that share the file
+        list(pool.map(lambda item: add_curves(tmp_path / "curves.csv", dict([item])), curves.items()))
     assert read_curves(tmp_path / "curves.csv") == curves
     assert tasks.repeat_of(curves, "tanks") == 1
     assert tasks.repeat_of(curves, "cart-pole") is None
