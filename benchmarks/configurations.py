@@ -34,7 +34,7 @@ from rkhs_ros.rkhs.kernels import RBF, Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from rkhs_ros.studies.workers import run_parallel
-from trial import lines_of, median_until
+from trial import median_until, rows_of
 
 NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none
 
@@ -168,8 +168,11 @@ def as_csv(results: Iterable[Result]) -> str:
 
 def read_results(path: Path) -> list[Result]:
     """Return the results in a file of `as_csv`."""
-    lines = lines_of(path, Result._fields)
-    return [Result(name, int(seed), int(used), *map(float, rest)) for name, seed, used, *rest in lines]
+    return rows_of(path, Result._fields, _row)
+
+
+def _row(name: str, seed: str, episodes: str, *rest: str) -> Result:
+    return Result(name, int(seed), int(episodes), *map(float, rest))
 
 
 class Summary(NamedTuple):

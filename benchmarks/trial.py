@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -242,19 +242,27 @@ class Key(NamedTuple):
 
 
 Curves = dict[Key, list[Point]]
+Row = TypeVar("Row")
 HEAD = (*Key._fields, *Point._fields)
 
 
-def lines_of(path: Path, head: Sequence[str]) -> list[list[str]]:
-    """Return the lines of a CSV file below its head.
+def rows_of(path: Path, head: Sequence[str], row: Callable[..., Row]) -> list[Row]:
+    """Return what ``row`` makes of the entries of each line of a CSV file below its head.
 
     Raises:
-        ValueError: the file has another head.
+        ValueError: the file has another head, or ``row`` does not accept a line.
     """
     with path.open(newline="") as file:
         first, *lines = list(csv.reader(file)) or [[]]
     require(first == [*head], f"{path}", f"a first line {','.join(head)}", ",".join(first))
-    return lines
+    rows = []
+    for number, line in enumerate(lines, 2):
+        try:
+            rows.append(row(*line))
+        except (ValueError, TypeError):
+            what = f"{path}, line {number}"
+            raise ValueError(f"{what}: expected values of {','.join(head)}, got {','.join(line)}") from None
+    return rows
 
 
 def read_curves(path: Path) -> Curves:
@@ -264,14 +272,14 @@ def read_curves(path: Path) -> Curves:
         ValueError: the file has another content.
     """
     curves: Curves = {}
-    for number, line in enumerate(lines_of(path, HEAD) if path.exists() else [], 2):
-        try:
-            task, learner, seed, episodes, steps, *rest, repeat = line
-            point = Point(int(episodes), int(steps), *map(float, rest), int(repeat))
-            curves.setdefault(Key(task, learner, int(seed)), []).append(point)
-        except (ValueError, TypeError):
-            raise ValueError(f"{path}, line {number}: expected a point of a curve, got {','.join(line)}") from None
+    for key, point in rows_of(path, HEAD, _row) if path.exists() else []:
+        curves.setdefault(key, []).append(point)
     return curves
+
+
+def _row(task: str, learner: str, seed: str, episodes: str, steps: str, *rest: str) -> tuple[Key, Point]:
+    *numbers, repeat = rest
+    return Key(task, learner, int(seed)), Point(int(episodes), int(steps), *map(float, numbers), int(repeat))
 
 
 def add_curves(path: Path, curves: Curves) -> None:
