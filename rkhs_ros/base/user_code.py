@@ -38,9 +38,9 @@ def user_module(module: str, remedy: str) -> ModuleType:
     try:
         with isolated_from_user_code():
             return import_module(module)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # user code may raise anything
+        if is_interrupt(error):
+            raise
         hidden = isinstance(error, ModuleNotFoundError) and not searches_here()
         got = f"{type(error).__name__}: {truncated(error)}" + f". If it is in this folder, {remedy}" * hidden
         raise ValueError(f"expected an importable module '{truncated(module)}', got {got}") from error

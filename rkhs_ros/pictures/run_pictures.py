@@ -21,6 +21,7 @@ from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, read_policy
 from rkhs_ros.recordings.recording import FILE, faults_named, read_recording
 from rkhs_ros.runs.curve import Curve, columns, evaluation_errors
+from rkhs_ros.runs.report import last_policy
 from rkhs_ros.studies.aggregates import mean_over_runs
 from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
@@ -34,8 +35,12 @@ NO_OTHERS: Mapping[str, Columns] = {}
 
 
 def draw_run(folder: Path) -> list[Path]:
-    """Draw curve.png and, from the recorded episodes, policy.png in a run's folder; return their paths."""
-    policy, task, spaces = read_policy(folder / "policy.npz")
+    """Draw curve.png and, from the recorded episodes, policy.png in a run's folder; return their paths.
+
+    Raises:
+        ValueError: there is no policy yet, or the folder is not that of a run.
+    """
+    policy, task, spaces = read_policy(last_policy(folder))
     figures = {
         folder / "curve.png": curve_figure(columns(Curve(folder / "curve.csv").rows()), task),
         folder / "policy.png": _policy_figure(folder, policy, task, spaces),

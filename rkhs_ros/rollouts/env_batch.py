@@ -13,6 +13,7 @@ from gymnasium.wrappers.vector import FlattenObservation as FlattenObservations
 from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.user_code import is_interrupt
 from rkhs_ros.base.validation import REAL_KINDS, truncated
 from rkhs_ros.rkhs.kernels import Array
 
@@ -61,9 +62,9 @@ class SeparateEnvs:
         while len(self._copies) < min(num_envs, self._most):
             try:
                 self._copies.append(self._another())
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:
+            except BaseException as error:  # user code may raise anything
+                if is_interrupt(error):
+                    raise
                 self._most = len(self._copies)
                 print(
                     f"warning: {self._name}: limited to {self._most} at a time, since no further copy can be created "

@@ -9,7 +9,7 @@ from gymnasium import Env
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
 
-from rkhs_ros.base.user_code import isolated_from_user_code, user_module
+from rkhs_ros.base.user_code import is_interrupt, isolated_from_user_code, user_module
 from rkhs_ros.base.validation import hint, require, truncated
 from rkhs_ros.rollouts.env_batch import AnyEnv, AnyVectorEnv, EnvBatch, SeparateEnvs, VectorEnvBatch
 
@@ -132,8 +132,8 @@ def _registered(environment: str, options: dict[str, Any], num_envs: int) -> Env
             f"environment.options: expected options of {environment}, got {truncated(options)} ({truncated(error)}). "
             "Use environment.options={} for none"
         ) from error
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # user code may raise anything
+        if is_interrupt(error):
+            raise
         got = f"{type(error).__name__}: {truncated(error)}"
         raise ValueError(f"{environment}: expected an environment that can be created, got {got}") from error

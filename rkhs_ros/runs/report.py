@@ -31,7 +31,7 @@ FINAL_EVALUATION = "final_evaluation.txt"
 # Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
     *("initial_policy.npz", "initial_policy.npz.part", "config.yaml.part"),
-    *("domain", "episodes", "lock", "parameters.yaml", "parameters.yaml.part"),
+    *("domain", "lock", "parameters.yaml", "parameters.yaml.part"),
 }
 
 

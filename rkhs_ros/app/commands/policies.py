@@ -101,7 +101,7 @@ def run_plot(options: argparse.Namespace) -> int:
     """Draw curve.png and policy.png, and print their paths."""
     from rkhs_ros.pictures.run_pictures import draw_run  # here, since the import is slow
 
-    for picture in draw_run(last_policy(options.folder).parent):
+    for picture in draw_run(options.folder):
         print(picture)
     return 0
 

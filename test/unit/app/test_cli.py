@@ -50,6 +50,10 @@ def test_train_writes_its_results_and_prints_their_paths(rkhs: Run, tmp_path: Pa
     assert "seed: 3" in config
     assert "horizon: 5" in config
     assert len((tmp_path / "run" / "curve.csv").read_text().splitlines()) == 1 + 2
+    (tmp_path / "run" / "policy.npz").unlink()  # as while it runs
+    plotted = rkhs("plot", tmp_path / "run")
+    assert (plotted.code, len(plotted.out.splitlines())) == (0, 2)
+    assert "the run has not finished; using its best policy so far" in plotted.err
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,12 @@
 
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from rkhs_ros.base.endings import Stop, StoppedError
+from rkhs_ros.base.user_code import user_module
 
 OUR = signal.SIGUSR1
 
@@ -33,3 +35,12 @@ def test_the_first_request_interrupts_a_block_unless_it_is_held(stop: Stop, held
         request(stop, reached, held=held)
     assert reached == expected
     signal.raise_signal(OUR)  # a further request interrupts nothing, so that results are written
+
+
+def test_a_request_interrupts_the_import_of_user_code(
+    stop: Stop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "slow_prior.py").write_text(f"import signal\nsignal.raise_signal({int(OUR)})\n")
+    with pytest.raises(StoppedError), stop.interrupting():
+        user_module("slow_prior", "")
