@@ -4,7 +4,6 @@ Each finished curve is stored in docs/results/ablation/ at once, with the name o
 "all". The same command continues after an interruption, and makes the table and the picture of what is stored.
 """
 
-import csv
 import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -14,7 +13,6 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -36,7 +34,7 @@ from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
 from rkhs_ros.studies.aggregates import Estimate
 from task_table import RESULTS, Cell, cells_of, compared, percents, shown
-from trial import TASKS, Curves, Key, Point, Trial, read_curves
+from trial import TASKS, Curves, Key, Point, Trial, as_csv, read_curves
 
 FILES = RESULTS.parent / "ablation"
 FILE = FILES / "curves.csv"
@@ -139,15 +137,13 @@ def gains(curves: Curves, how: str) -> dict[str, Estimate]:
 
 def table(curves: Curves) -> str:
     """Return the probabilities and the median episodes until the first threshold as CSV, one line per part."""
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("without", *SCORES.values(), *EPISODES))
+    lines = []
     cells = cells_of(curves, (ALL, *PARTS))
     found = [{part: percents(gain) for part, gain in gains(curves, how).items()} for how in SCORES]
     for part in (ALL, *PARTS):
         medians = [_median(cells.get(task, {}).get(part)) for task in EPISODES]
-        writer.writerow((part if part != ALL else "nothing", *(its.get(part, "") for its in found), *medians))
-    return text.getvalue()
+        lines.append((part if part != ALL else "nothing", *(its.get(part, "") for its in found), *medians))
+    return as_csv(("without", *SCORES.values(), *EPISODES), lines)
 
 
 def _median(cell: Cell | None) -> str:

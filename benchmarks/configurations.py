@@ -1,6 +1,6 @@
 """Measure the returns of the configurations in ``config/`` on held-out seeds, and the episodes to thresholds.
 
-CMA-ES is measured beside them. No setting was chosen on the seeds from 100 on, which the documentation uses. Episodes
+No setting was chosen on the seeds from 100 on, which the documentation uses. Episodes
 count until the evaluation return, the mean of 10 evaluation episodes after an update, first passes a threshold.
 """
 
@@ -8,82 +8,26 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import csv
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from io import StringIO
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from cmaes import CMA
 
 from command import ended, parsed, parser
-from rkhs_ros.app.inline import iterations, runner_of
+from rkhs_ros.app.inline import iterations
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.learning.training_settings import NoModel
-from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.function import Function, grid
-from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from rkhs_ros.studies.workers import run_parallel
-from trial import median_until, rows_of
-
-NEGLIGIBLE_VARIANCE = ConstantVariance(np.array([1e-18]))  # almost none
-
-
-class Features(NamedTuple):
-    """The features of the policy, and the initial standard deviations of its weights to try."""
-
-    centres: Array
-    kernel: RBF
-    sds: Sequence[float]
-
-
-FEATURES = {
-    "pendulum_few_nac": Features(
-        grid(np.array([-3.2, -4.0]), np.array([3.2, 4.0]), (8, 5)), RBF((0.8, 1.6)), (1.0, 2.0, 4.0)
-    ),
-}
-
-
-def search(config: Config, features: Features, sd: float) -> Iterator[tuple[int, float]]:
-    """Yield the episodes used and the evaluation return after each generation.
-
-    Args:
-        config: configuration with the task, the budget of episodes, and the evaluation.
-        features: features of the policy.
-        sd: initial standard deviation of the weights; their initial mean is 0.
-    """
-    training = config.training
-    score, rows = scorer(config, features), training.evaluation_episodes
-    cma = CMA(np.zeros(len(features.centres)), sd, seed=training.seed)
-    budget = training.iterations * training.episodes_per_iteration
-    for generation, used in enumerate(range(0, budget, cma.population_size)):
-        candidates = [cma.ask() for _ in range(cma.population_size)]
-        # From a batch that explores, so that they differ from the evaluation episodes.
-        cma.tell([(x, -score(x, used + i, 1, explore=True)) for i, x in enumerate(candidates)])
-        yield used + len(candidates), score(cma.mean, generation * rows, rows, explore=False)
-
-
-def scorer(config: Config, features: Features) -> Callable[..., float]:
-    """Return a function from weights to their mean return over consecutive episodes."""
-    training, runner = config.training, runner_of(config.environment)
-
-    def score(weights: Array, first: int, rows: int, *, explore: bool) -> float:
-        policy = GaussianPolicy(Function(features.kernel, features.centres, weights[:, None]), NEGLIGIBLE_VARIANCE)
-        episodes = runner.collect(policy, Batch(training.seed, first, rows, training.horizon, explore=explore))
-        return float(episodes.returns(training.discount).mean())
-
-    return score
-
+from trial import as_csv, median_until, rows_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
 EVALUATION_EPISODES = 10
@@ -92,9 +36,6 @@ THRESHOLDS = {  # two per task, of the discounted evaluation return, close to th
     "rkhs/PendulumPOMDP-v0": (45.0, 50.0),
     "rkhs/Toy-v0": (14.0, 14.2),
 }
-CMA_ES = {  # by name: configuration with the task and the budget, and initial standard deviation
-    f"{name} by CMA-ES, sd {sd:g}": (name, sd) for name, given in FEATURES.items() for sd in given.sds
-}
 Curve = Iterable[tuple[int, float]]  # episodes used, and evaluation return, after each update
 
 
@@ -102,7 +43,7 @@ class Result(NamedTuple):
     """The result of one run.
 
     Attributes:
-        name: name of the configuration, or of a search by CMA-ES.
+        name: name of the configuration.
         seed: seed of the run.
         episodes: total number of exploration episodes.
         evaluation_return: discounted evaluation return at the end.
@@ -120,27 +61,21 @@ class Result(NamedTuple):
 
 
 def names() -> list[str]:
-    """Return the configurations without a model whose task has thresholds, and the searches by CMA-ES.
-
-    The table of tasks measures model-based training.
-    """
+    """Return the configurations without a model whose task has thresholds; the table of tasks measures the others."""
     configs = {path.stem: load_config(path) for path in sorted(CONFIGS.glob("*.yaml"))}
-    measured = [
+    return [
         name
         for name, config in configs.items()
         if config.environment.id in THRESHOLDS and isinstance(config.training.model, NoModel)
     ]
-    return [*measured, *CMA_ES]
 
 
 @one_thread()
 def measure(name: str, seed: int, changes: Sequence[str] = ()) -> Result:
     """Train with a seed."""
-    own, sd = CMA_ES.get(name, (name, None))
     evaluation = f"evaluation_episodes={EVALUATION_EPISODES}"
-    config = load_config(CONFIGS / f"{own}.yaml", [f"seed={seed}", evaluation, *changes])
-    curve = learnt(config) if sd is None else search(config, FEATURES[own], sd)
-    return result_of(name, seed, thresholds_of(name), curve)
+    config = load_config(CONFIGS / f"{name}.yaml", [f"seed={seed}", evaluation, *changes])
+    return result_of(name, seed, thresholds_of(name), learnt(config))
 
 
 def learnt(config: Config) -> Iterator[tuple[int, float]]:
@@ -156,18 +91,14 @@ def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -
     return Result(name, seed, int(episodes[-1]), float(returns[-1]), first, second)
 
 
-def as_csv(results: Iterable[Result]) -> str:
+def text_of(results: Iterable[Result]) -> str:
     """Return the results as CSV, one line per run, sorted by name and seed."""
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Result._fields)
-    for result in sorted(results):
-        writer.writerow(result._replace(evaluation_return=f"{result.evaluation_return:.3f}"))
-    return text.getvalue()
+    lines = [each._replace(evaluation_return=f"{each.evaluation_return:.3f}") for each in sorted(results)]
+    return as_csv(Result._fields, lines)
 
 
 def read_results(path: Path) -> list[Result]:
-    """Return the results in a file of `as_csv`."""
+    """Return the results in a file of `text_of`."""
     return rows_of(path, Result._fields, _row)
 
 
@@ -235,17 +166,15 @@ def as_markdown(results: Iterable[Result]) -> str:
 
 def thresholds_of(name: str) -> tuple[float, ...]:
     """Return the thresholds of the task of a configuration; raise ValueError if there are none."""
-    own, _ = CMA_ES.get(name, (name, None))
-    return pick(load_config(CONFIGS / f"{own}.yaml").environment.id, THRESHOLDS, "task with thresholds")
+    return pick(load_config(CONFIGS / f"{name}.yaml").environment.id, THRESHOLDS, "task with thresholds")
 
 
 def _table(thresholds: tuple[float, ...], found: dict[str, Summary]) -> str:
     head = " | ".join(HEADS).format(*thresholds)
     lines = [f"| {head} |", "|---" * len(HEADS) + "|"]
     for name, each in found.items():
-        title = name.replace(name.split()[0], f"`{name.split()[0]}`")
         until = " | ".join(f"{e} | {w}" for e, w in zip(each.until, each.worst_until, strict=True))
-        lines.append(f"| {title} | {each.seeds} | {until} | {end_of(each)} | {each.least:.2f} | {each.episodes} |")
+        lines.append(f"| `{name}` | {each.seeds} | {until} | {end_of(each)} | {each.least:.2f} | {each.episodes} |")
     return "\n".join([*lines, ""])
 
 
@@ -256,7 +185,7 @@ def end_of(summary: Summary) -> str:
 
 FEW, MANY = "100-109", "100-119"
 WITH_MANY = {f"{task}_{kind}_nac" for task in ("pendulum", "pendulum_wrap") for kind in ("few", "model")}
-QUICK = ["pendulum_few_nac", "pendulum_few_nac by CMA-ES, sd 1", "toy_nac"]
+QUICK = ["pendulum_few_nac", "toy_nac"]
 QUICK_CHANGES = ("iterations=2", "horizon=5")
 
 
@@ -282,7 +211,7 @@ def main(options: Namespace) -> None:
     for result in run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick):
         results[result.name, result.seed] = result
         if options.out:
-            write_whole(options.out, as_csv(results.values()).encode())
+            write_whole(options.out, text_of(results.values()).encode())
     print(as_markdown(sorted(results.values())), end="")
 
 

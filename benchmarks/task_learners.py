@@ -36,18 +36,6 @@ MODULES = {"SAC": "stable_baselines3", "CrossQ": "sb3_contrib"}
 EVALUATED_EVERY = 5  # episodes
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bounded(Function):
-    """A function with values clipped to bounds of shape (n,), so that values fed back stay finite."""
-
-    low: Array
-    high: Array
-
-    def __call__(self, x: Array) -> Array:
-        """Evaluate at points of shape (batch, d): shape (batch, n)."""
-        return np.clip(super().__call__(x), self.low, self.high)
-
-
 def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
     """Return a linear function of standardised inputs.
 
@@ -59,13 +47,11 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
     d = seen.shape[1]
     centre, scale = (seen.mean(axis=0), seen.std(axis=0)) if len(seen) else (np.zeros(d), np.ones(d))
     scale = np.where(scale > CONSTANT, scale, 1.0)
-    low, high = (bound.ravel().astype(np.float64) for bound in (spaces.action_low, spaces.action_high))
     constant, *slopes = weights.reshape(-1, d + 1).T * spaces.half_ranges
     # The kernel is 1 at the first centre, and 1 plus the input j at the centre j.
     centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
     coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])
-    kernel = Linear(tuple(centre), tuple(scale))
-    return Bounded(kernel=kernel, centres=centres, weights=coefficients, low=low, high=high)
+    return Function(Linear(tuple(centre), tuple(scale)), centres, coefficients)
 
 
 def linear_cma_es(trial: Trial) -> Iterator[Point]:

@@ -6,7 +6,6 @@ Statistical Precipice": the runs of each task are resampled separately, and each
 
 import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.studies.aggregates import CONFIDENCE, RESAMPLES, SEED, Estimate, mean_over_runs
 from task_learners import LEARNERS
-from trial import TASKS, Curves, Point, Task, median_until
+from trial import TASKS, Curves, Point, Task, as_csv, median_until
 
 PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
 RESULTS = PAGE.parent / "results" / "tasks"
@@ -321,11 +320,7 @@ def picture_of_all(cells: Cells) -> Figure:
 
 def text_of_table(cells: Mapping[str, Mapping[str, Cell]]) -> str:
     """Return the table as CSV, one line per task and learner."""
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEAD)
-    writer.writerows(line_of(task, learner, cell) for task, its in cells.items() for learner, cell in its.items())
-    return text.getvalue()
+    return as_csv(HEAD, (line_of(task, learner, cell) for task, its in cells.items() for learner, cell in its.items()))
 
 
 def make_table(curves: Curves) -> None:

@@ -4,7 +4,7 @@ import csv
 import fcntl
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -246,6 +246,13 @@ Row = TypeVar("Row")
 HEAD = (*Key._fields, *Point._fields)
 
 
+def as_csv(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
+    """Return a CSV file."""
+    text = StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([head, *lines])
+    return text.getvalue()
+
+
 def rows_of(path: Path, head: Sequence[str], row: Callable[..., Row]) -> list[Row]:
     """Return what ``row`` makes of the entries of each line of a CSV file below its head.
 
@@ -287,16 +294,13 @@ def add_curves(path: Path, curves: Curves) -> None:
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         fcntl.flock(folder, fcntl.LOCK_EX)
-        write_whole(path, _as_csv(read_curves(path) | curves).encode())
+        lines = [
+            (*key, *map(_text, point)) for key, its in sorted((read_curves(path) | curves).items()) for point in its
+        ]
+        write_whole(path, as_csv(HEAD, lines).encode())
     finally:
         os.close(folder)
 
 
-def _as_csv(curves: Curves) -> str:
-    text = StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEAD)
-    for key in sorted(curves):
-        for point in curves[key]:
-            writer.writerow((*key, *(str(value) if isinstance(value, int) else f"{value:.6g}" for value in point)))
-    return text.getvalue()
+def _text(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:.6g}"
