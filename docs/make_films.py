@@ -8,7 +8,6 @@ films of robots are made from the folder of a run in config/ after `rkhs evaluat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +24,7 @@ from rkhs_ros.app.inline import iterations, runner_of
 from rkhs_ros.base.yaml_text import loaded
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.state import first_state
-from rkhs_ros.pictures.film import animate, draw_strip, shoot, spread
+from rkhs_ros.pictures.film import animate, draw_strip, shoot, spread, write_gif
 from rkhs_ros.pictures.known import references
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.pictures.style import COLOURS
@@ -46,9 +45,6 @@ FRAME_MS, ARM_MS, LAST_MS = 60, 150, 3000  # durations of a frame, of one of the
 WIDTH, HEIGHT, DPI = 9.6, 3.3, 100  # inches
 PANEL, TOP = 0.33, 0.88  # width and height of a panel, relative to the figure
 SIZE = (round(PANEL * WIDTH * DPI), round(TOP * HEIGHT * DPI))  # pixels of a panel
-SHADES = 128  # colours in the film
-ALMOST_WHITE = 250  # of 255; the choice of colours makes white slightly grey
-MAX_BYTES = 2_000_000
 
 
 class Scene(NamedTuple):
@@ -88,13 +84,13 @@ class Chart(NamedTuple):
 def pendulum() -> None:
     """Write pendulum_learns.gif: the first episode of the demo, and the one nearest to its evaluation return."""
     config = load_config(CONFIGS / "pendulum_wrap_model_nac.yaml")
-    write_gif("pendulum_learns", *_learning(config, 1, "after model-based training on it"))
+    write_film("pendulum_learns", *_learning(config, 1, "after model-based training on it"))
 
 
 def cart_pole() -> None:
     """Write cart_pole_learns.gif: the first episode, and the policy after eight."""
     config = load_config(CONFIGS / "cart_pole_nac.yaml")
-    write_gif("cart_pole_learns", *_learning(config, 8, "after 8 episodes of 3 s"))
+    write_film("cart_pole_learns", *_learning(config, 8, "after 8 episodes of 3 s"))
 
 
 def robot_pendulum(run: Path) -> None:
@@ -102,7 +98,7 @@ def robot_pendulum(run: Path) -> None:
     config = load_config(CONFIGS / "pendulum_model_nac.yaml")
     first, last = _episodes_of(run)
     scenes = [_scene(config, title, episodes) for title, episodes in ((RANDOM, first), ("after ten episodes", last))]
-    write_gif("robot_pendulum", scenes, _chart(config))
+    write_film("robot_pendulum", scenes, _chart(config))
 
 
 def robot_arm(run: Path) -> None:
@@ -113,7 +109,9 @@ def robot_arm(run: Path) -> None:
         Scene(title, _arm(episodes.observations[0]), 100.0 * distance(episodes.observations[0]))
         for title, episodes in zip((RANDOM, "after twelve episodes"), _episodes_of(run), strict=True)
     ]
-    write_gif("robot_arm", scenes, Chart("time (s)", "distance from the mark (cm)", 0.2, 40.0, 5.0, "aim 5 cm"), ARM_MS)
+    write_film(
+        "robot_arm", scenes, Chart("time (s)", "distance from the mark (cm)", 0.2, 40.0, 5.0, "aim 5 cm"), ARM_MS
+    )
 
 
 def run() -> None:
@@ -235,21 +233,9 @@ def frames(scenes: list[Scene], chart: Chart) -> Iterator[Image.Image]:
         yield Image.fromarray(np.array(canvas.buffer_rgba())[:, :, :3])
 
 
-def write_gif(name: str, scenes: list[Scene], chart: Chart, frame_ms: int = FRAME_MS) -> None:
-    """Write a film of scenes beside this file, as a GIF with few colours.
-
-    Raises:
-        ValueError: the file would be larger than `MAX_BYTES`.
-    """
-    images = list(frames(scenes, chart))
-    palette = Image.fromarray(np.concatenate([np.asarray(images[k]) for k in spread(len(images), 6)])).quantize(SHADES)
-    palette.putpalette([255 if value >= ALMOST_WHITE else value for value in palette.getpalette() or []])
-    first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    buffer, durations = BytesIO(), [frame_ms] * len(others) + [LAST_MS]
-    first.save(buffer, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
-    if len(buffer.getvalue()) > MAX_BYTES:
-        raise ValueError(f"{name}: expected at most {MAX_BYTES} bytes, got {len(buffer.getvalue())}")
-    (HERE / f"{name}.gif").write_bytes(buffer.getvalue())
+def write_film(name: str, scenes: list[Scene], chart: Chart, frame_ms: int = FRAME_MS) -> None:
+    """Write a film of scenes beside this file."""
+    write_gif(HERE / f"{name}.gif", list(frames(scenes, chart)), frame_ms, LAST_MS)
 
 
 def tune_node(parameters: Path) -> None:

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.base.settings import Entry, build, entries
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.step_rules import STEP_RULES
-from rkhs_ros.learning.training_settings import MODELS, Training, training_from
+from rkhs_ros.learning.training_settings import MODELS, Training
 from rkhs_ros.runs.defaults import settings_for
 
 PAGE = Path(__file__).with_name("settings.md")
@@ -57,7 +57,7 @@ def page() -> str:
 def without_model() -> str:
     """Return the defaults that differ without a model."""
     with_model = {entry.name: entry.value for entry in entries(Training())}
-    others = entries(training_from(settings_for(model="none")))
+    others = entries(build(Training, settings_for(model="none")))
     differ = (entry for entry in others if with_model.get(entry.name) not in (None, entry.value))
     return ", ".join(f"`{entry.name}` `{text(entry.value)}`" for entry in differ if entry.name != "model.form")
 

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from rkhs_ros.app.library import Result as Result
     from rkhs_ros.app.library import learn as learn
     from rkhs_ros.app.library import train as train
-    from rkhs_ros.app.measure import compare as compare
     from rkhs_ros.app.measure import evaluate as evaluate
     from rkhs_ros.app.measure import load_model as load_model
     from rkhs_ros.base.endings import RunError as RunError
@@ -39,10 +38,11 @@ if TYPE_CHECKING:
     from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
     from rkhs_ros.rollouts.evaluation import Evaluation as Evaluation
     from rkhs_ros.studies.comparison import Comparison as Comparison
+    from rkhs_ros.studies.comparison import compare as compare
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),
-    "app.measure": ("compare", "evaluate", "load_model"),
+    "app.measure": ("evaluate", "load_model"),
     "base.endings": ("RunError",),
     "learning.algorithms.registry": ("AC", "ENAC", "PoWER", "RKHSAC", "RKHSNAC", "RKHSNPG", "RKHSPoWER"),
     "learning.kernel_choice": ("KernelChoice",),
@@ -52,7 +52,7 @@ _HOMES = {
     "policies.policy": ("Policy", "load"),
     "rkhs.kernels": ("RBF", "Linear", "Polynomial"),
     "rollouts.evaluation": ("Evaluation",),
-    "studies.comparison": ("Comparison",),
+    "studies.comparison": ("Comparison", "compare"),
 }
 _MODULES = {name: f"rkhs_ros.{module}" for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_MODULES)

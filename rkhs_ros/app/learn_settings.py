@@ -5,11 +5,12 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
+from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import hint, nearest, pick, require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.training_settings import MODELS, ModelSettings, NoModel, Training, training_from
+from rkhs_ros.learning.training_settings import MODELS, ModelSettings, NoModel, Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.rkhs.kernels import Array, Kernel
@@ -101,7 +102,7 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
         given["model"] = pick(given["model"], MODELS, "model")()
     name = algorithm if isinstance(algorithm, str) else "rkhs_nac"  # an object replaces it below
     form = "none" if isinstance(given.get("model"), NoModel) else "gaussian_process"
-    untuned = training_from(settings_for(name, form, given["horizon"]))
+    untuned = build(Training, settings_for(name, form, given["horizon"]))
     kernel = given.get("kernel", untuned.kernel)
     if isinstance(kernel, str):
         kernel = replace(untuned.kernel, form=kernel)

@@ -1,6 +1,5 @@
-"""Library functions for results: evaluate policies, compare runs, load the model of a run."""
+"""Library functions for results: evaluate policies, load the model of a run."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from rkhs_ros.app.inline import load_acting
@@ -15,8 +14,6 @@ from rkhs_ros.rollouts.model_env import LearntModel
 from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.recorded import state_of
 from rkhs_ros.runs.report import CONFIGURATION, old_folder
-from rkhs_ros.studies.comparison import Comparison
-from rkhs_ros.studies.comparison import compare as compare_runs
 
 
 def evaluate(
@@ -47,19 +44,6 @@ def evaluate(
         collected = runner.collect(gaussian, Batch(seed, 0, episodes, task.horizon, explore=False))
         environment = runner.simulation.environment
     return Evaluation.of(collected, environment, seed, task.discount if discount is None else discount)
-
-
-def compare(folders: str | Path | Iterable[str | Path]) -> Comparison:
-    """Compare runs as ``rkhs compare`` does; print the comparison for its table.
-
-    Args:
-        folders: folders of runs, or folders that contain such folders.
-
-    Raises:
-        ValueError: a folder contains no run, or the runs cannot be compared.
-        OSError: a file cannot be read.
-    """
-    return compare_runs([Path(folders)] if isinstance(folders, str | Path) else [Path(each) for each in folders])
 
 
 def load_model(folder: str | Path) -> LearntModel:

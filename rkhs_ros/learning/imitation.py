@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rkhs_ros.base.settings import Settings, build, setting
+from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.kernel_choice import KernelChoice
@@ -58,12 +58,3 @@ class Imitation(Settings):
         sd = np.sqrt(np.mean((actions - mean(points)) ** 2, axis=0))
         variance = ConstantVariance(np.maximum(sd, LEAST_SD) ** 2)
         return GaussianPolicy(mean, variance, inputs, action_repeat=self.action_repeat)
-
-
-def imitation_from(tree: dict[str, object]) -> Imitation:
-    """Build the settings of imitation from a tree of values.
-
-    Raises:
-        ValueError: a key is unknown or a value is invalid.
-    """
-    return build(Imitation, tree)

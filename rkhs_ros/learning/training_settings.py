@@ -1,11 +1,9 @@
 """The learner's settings."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rkhs_ros.base.settings import Settings, build, setting, variant
+from rkhs_ros.base.settings import Settings, setting, variant
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.algorithms.algorithm import Algorithm
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
@@ -122,12 +120,3 @@ class Training(Settings):
     def num_envs(self) -> int:
         """Maximum number of parallel episodes: those of an evaluation, or the exploring ones."""
         return max(self.episodes_per_iteration, self.evaluation_episodes)
-
-
-def training_from(tree: Mapping[str, Any]) -> Training:
-    """Build the learner's settings from a tree of values.
-
-    Raises:
-        ValueError: a key is unknown or a value is invalid.
-    """
-    return build(Training, tree)

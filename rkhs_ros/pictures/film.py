@@ -3,7 +3,7 @@
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from ctypes.util import find_library
 from dataclasses import dataclass
@@ -30,6 +30,7 @@ ONE, MANY = "rgb_array", "rgb_array_list"  # render modes: a picture of a state,
 MOMENTS = 6  # frames of the strip
 SECONDS, LAST_MS = 6.0, 1500  # durations of the animation and of its last frame
 PALETTE_SIZE = 128
+ALMOST_WHITE = 250  # of 255; the choice of colours makes white slightly grey
 REMEDY = (
     " (MuJoCo without a display needs EGL or OSMesa: on Debian and Ubuntu, apt install libegl1 libgl1-mesa-dri, "
     "or libosmesa6 and MUJOCO_GL=osmesa)"
@@ -132,12 +133,18 @@ def strip_figure(film: Film) -> Figure:
 
 
 def animate(path: Path, film: Film) -> None:
-    """Write the frames as a GIF with a common palette, which compresses far better than separate ones."""
+    """Write the frames as a GIF."""
     images = [_captioned(picture, caption) for picture, caption in zip(film.pictures, film.captions, strict=True)]
-    some = np.concatenate([np.asarray(images[moment]) for moment in spread(len(images), MOMENTS)])
-    palette = Image.fromarray(some).quantize(PALETTE_SIZE)
+    write_gif(path, images, round(1000.0 * SECONDS / len(images)), LAST_MS)
+
+
+def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int, last_ms: int) -> None:
+    """Write a GIF with a common palette, which compresses far better than separate ones."""
+    palette = Image.fromarray(np.concatenate([np.asarray(images[k]) for k in spread(len(images), MOMENTS)]))
+    palette = palette.quantize(PALETTE_SIZE)
+    palette.putpalette([255 if value >= ALMOST_WHITE else value for value in palette.getpalette() or []])
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    durations = [round(1000.0 * SECONDS / len(images))] * len(others) + [LAST_MS]
+    durations = [frame_ms] * len(others) + [last_ms]
     first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
 
 

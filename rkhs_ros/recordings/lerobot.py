@@ -38,7 +38,7 @@ Columns = dict[str, np.ndarray]  # of an episode: values by name, shape (steps,)
 
 
 def export(
-    batches: Sequence[RecordedBatch], task: str, folder: Path, fps: int | None, spaces: Spaces | None = None
+    batches: Sequence[RecordedBatch], task: str, folder: Path, fps: int | None, spaces: Spaces
 ) -> tuple[int, int]:
     """Write episodes into a new folder as a dataset; return the number of episodes and the steps per second.
 
@@ -49,7 +49,7 @@ def export(
         task: description of the task.
         folder: folder to create.
         fps: steps per second, which replace the time stamps; None for the time stamps of a robot.
-        spaces: spaces of the task, which may name its components; None if unknown.
+        spaces: spaces of the task, which may name its components.
 
     Raises:
         ValueError: pyarrow is not installed, the folder exists, there are no episodes, or the rate is not whole.
@@ -68,7 +68,7 @@ def export(
     for name, table in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         parquet.write_table(table, folder / name)
-    named = {"observation.state": spaces.observation_names, "action": spaces.action_names} if spaces else {}
+    named = {"observation.state": spaces.observation_names, "action": spaces.action_names}
     features = {
         name: {
             "dtype": column.dtype.name,

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.base.settings import Entry, build, entries
 from rkhs_ros.base.validation import hint, require, truncated
 from rkhs_ros.base.yaml_text import PARAMETERS, loaded, read_sections, require_ros_value
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.defaults import settings_for
 
@@ -187,7 +187,7 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         require(not unknown, "simulator", "the key 'environment'", ", ".join(map(str, unknown)))
         tree = tree_of(changes, tree)
         environment = environment_from(tree.pop("environment"))
-    return Config(environment, training_from(tree))
+    return Config(environment, build(Training, tree))
 
 
 def config_for(environment: str, horizon: int | None, changes: Iterable[str] = ()) -> Config:

@@ -1,7 +1,7 @@
 """Comparison of runs: returns over the exploration episodes, grouped by settings, with statistics and tables."""
 
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -17,8 +17,8 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import INITIAL_POLICY
 from rkhs_ros.studies.aggregates import Estimate, aggregates, mean_over_runs
+from rkhs_ros.studies.grid import OF_THE_COUNT
 
-NOT_COMPARED = ("seed", "name", "timeout")  # settings that do not separate groups of runs
 Line = Mapping[str, Any]  # of a table, by column; all lines have the same columns
 CAPTION = (
     "Discounted evaluation returns unless noted otherwise. Brackets show 95 % intervals over the runs by stratified\n"
@@ -98,13 +98,20 @@ class Comparison:
         return "\n".join([as_markdown(self.table), CAPTION, *(f"\n{note}" for note in self.notes), ""])
 
 
-def compare(places: Sequence[Path], labels: Mapping[Path, str] | None = None) -> Comparison:
-    """Compare runs, up to the number of exploration episodes at which the shortest run ends.
+def compare(folders: str | Path | Iterable[str | Path], labels: Mapping[Path, str] | None = None) -> Comparison:
+    """Compare runs as ``rkhs compare`` does, up to the exploration episode at which the shortest run ends.
+
+    Print the comparison for its table.
 
     Args:
-        places: folders of runs, or folders that contain such folders.
+        folders: folders of runs, or folders that contain such folders.
         labels: label of each run's curve, by the run's folder; if None, the curves get distinct names.
+
+    Raises:
+        ValueError: a folder contains no run, or the runs cannot be compared.
+        OSError: a file cannot be read.
     """
+    places = [Path(folders)] if isinstance(folders, str | Path) else [Path(each) for each in folders]
     require(len(places) > 0, "compare", "at least one run's folder", "none")
     found = _found(places)
     runs = [run for run in found if run.rows]
@@ -148,7 +155,7 @@ def _grouped(runs: list[Run]) -> list[list[Run]]:
     """Return the runs grouped by their settings and initial policies."""
     groups: dict[str, dict[int, Run]] = {}
     for run in runs:
-        settings = {name: value for name, value in run.config.settings.items() if name not in NOT_COMPARED}
+        settings = {name: value for name, value in run.config.settings.items() if name not in OF_THE_COUNT}
         given = run.folder / INITIAL_POLICY
         key = repr((sorted(settings.items()), given.is_file() and given.read_bytes()))
         same = groups.setdefault(key, {}).setdefault(run.config.training.seed, run)

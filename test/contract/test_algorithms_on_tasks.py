@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.kernel_choice import KERNELS, MONOMIALS
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.rkhs.kernels import kernel_from_terms
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -66,7 +67,7 @@ def settings(task: str, algorithm: str, form: str = "rbf", seed: int = 0, **chan
         "action_repeat": 1,
         "model": {"form": "none"},
     }
-    return training_from(tree)
+    return build(Training, tree)
 
 
 def run(task: str, training: Training) -> Iterator[Iteration]:

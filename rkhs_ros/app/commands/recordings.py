@@ -11,9 +11,10 @@ import numpy as np
 from rkhs_ros.app.inline import add_settings_argument, spaces_of
 from rkhs_ros.base.endings import FAILED
 from rkhs_ros.base.files import locked
+from rkhs_ros.base.settings import build
 from rkhs_ros.base.validation import require
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.imitation import imitation_from
+from rkhs_ros.learning.imitation import Imitation
 from rkhs_ros.learning.training_settings import AUTO
 from rkhs_ros.policies.policy import Policy
 from rkhs_ros.policies.spaces import Spaces
@@ -51,7 +52,7 @@ def run_imitate(options: argparse.Namespace) -> int:
     """Fit the policy, save it, and print its distance from the demonstrations."""
     file = options.episodes
     episodes, task, repeat = (*load_episodes(file), 1) if file.suffix == ".npz" else _demonstrations(file)
-    imitation = imitation_from(tree_of([f"action_repeat={repeat}", *options.set]))
+    imitation = build(Imitation, tree_of([f"action_repeat={repeat}", *options.set]))
     if task is None or options.env not in (None, task.environment):
         task = Task(options.env or "", {}, episodes.horizon, DISCOUNT)
     sizes = episodes.observations.shape[2], episodes.actions.shape[2]

@@ -11,10 +11,9 @@ from rclpy.node import Node
 
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import hint, require
-from rkhs_ros.base.yaml_text import is_for, read_sections
+from rkhs_ros.base.yaml_text import MOST_INT64, is_for, read_sections
+from rkhs_ros.runs.config import OF_ANY_NODE
 
-OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
-MOST_INT64 = 2**63 - 1  # the greatest bound of an integer range
 USAGE = """usage: ros2 run rkhs_ros {0} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r __ns:=/NAMESPACE]
 
 FILE is a configuration, see config/; 'ros2 param describe /{0} NAME' describes a parameter."""
@@ -55,7 +54,7 @@ def given(node: Node, *, needs_section: bool = False) -> dict[str, Any]:
         raise ValueError(f"no parameters for {name} in {', '.join(map(str, files))}: {expected}")
     tree: dict[str, Any] = {}
     for name, parameter in node.get_parameters_by_prefix("").items():
-        if name.split(".")[0] in OF_EVERY_NODE:
+        if name.split(".")[0] in OF_ANY_NODE:
             continue
         *path, last = name.split(".")
         section = tree

@@ -10,9 +10,9 @@ from rclpy.duration import Duration
 
 from rkhs_interfaces.msg import LearningProgress
 from rkhs_ros.base.endings import Stop, StoppedError
-from rkhs_ros.base.settings import Entry, entries
+from rkhs_ros.base.settings import Entry, build, entries
 from rkhs_ros.learning.iteration import Row
-from rkhs_ros.learning.training_settings import training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.nodes.core.diagnostics import Diagnostics
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
@@ -56,7 +56,7 @@ class LearnerNode(ReportingNode):
             self.environment = environment_from(tree.pop("environment"))
             about = "Gymnasium id of the environment; simulators of other environments are refused"
             declare(self, [Entry("environment.id", self.environment.id, {"description": about})])
-        self.training = training_from(tree)
+        self.training = build(Training, tree)
         declare(self, entries(self.training))
         self.diagnostics = Diagnostics(self, lambda: self.runner.report())
         self.peers = Peers(self, self.training.timeout)

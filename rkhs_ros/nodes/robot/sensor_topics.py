@@ -14,7 +14,6 @@ from std_msgs.msg import String
 from rkhs_ros.base.validation import require, truncated
 from rkhs_ros.nodes.core.diagnostics import OBSTACLE, PREFIX, Source
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
-from rkhs_ros.robot.reset import STEPS
 from rkhs_ros.robot.sensors import JOINT_STATE, ReceivedMessage, SensingError, check_field, field_values
 from rkhs_ros.robot.task import RobotTask
 
@@ -97,7 +96,7 @@ def _uses(task: RobotTask) -> Iterator[Use]:
     reward, home = task.reward, task.reset.home
     for name, each in task.sensors:
         yield Use(f"sensor {name}", each.topic, each.type, each.fields, each.numbers)
-    if STEPS[0] in task.reset.steps:
+    if "home" in task.reset.steps:
         yield Use("reset.home", home.topic, JOINT_STATE, (), home.joints_in)
     if reward.topic:
         read = partial(field_values, field=reward.field)

@@ -9,7 +9,7 @@ from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.step_rules import FixedStep
 from rkhs_ros.learning.kernel_choice import KernelChoice
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rkhs.kernels import Kernel, Product, Sum
 
 
@@ -69,10 +69,10 @@ def test_invalid_values_raise_one_line_errors(tree: dict[Any, Any], message: str
 
 
 def test_a_variant_is_built_by_name_with_its_settings() -> None:
-    training = training_from({"algorithm": {"name": "rkhs_nac", "step": {"rule": "fixed", "size": 1}}})
+    training = build(Training, {"algorithm": {"name": "rkhs_nac", "step": {"rule": "fixed", "size": 1}}})
     assert training.algorithm == RKHSNAC(step=FixedStep(1.0))
-    assert training_from({"algorithm": {"name": "rkhs_power", "centres": 7}}).algorithm == RKHSPoWER(centres=7)
-    assert training_from({"algorithm": {"centres": 7}}).algorithm == RKHSNAC(centres=7)
+    assert build(Training, {"algorithm": {"name": "rkhs_power", "centres": 7}}).algorithm == RKHSPoWER(centres=7)
+    assert build(Training, {"algorithm": {"centres": 7}}).algorithm == RKHSNAC(centres=7)
 
 
 def leaves(value: Any, path: str = "") -> set[str]:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.defaults import settings_for
@@ -58,7 +59,7 @@ def settings(algorithm: str, form: str) -> Training:
     model = {"form": form, **({"updates": 3, "rollouts": 6, "centres": 30} if form != "none" else {})}
     small = {"iterations": 3, "episodes_per_iteration": 3, "evaluation_episodes": 2, "horizon": 15}
     tree = {**settings_for(algorithm, form), **small, "model": model}
-    return training_from({**tree, "algorithm": {**tree["algorithm"], "centres": 20}})
+    return build(Training, {**tree, "algorithm": {**tree["algorithm"], "centres": 20}})
 
 
 def learn(training: Training, units: Units) -> Iterator[Iteration]:

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.recordings.recorder import read_held
 from rkhs_ros.recordings.recording import FILE
@@ -49,7 +50,7 @@ def config_of(way: Any) -> Config:
     kernel = {"bandwidth": 4.0} if on_grid else {"form": "monomials", "degree": 2}
     parts = {"kernel": kernel, "algorithm": size | way, "model": model}
     inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,))
-    return Config(Environment("rkhs/Toy-v0", {}), replace(training_from(tree | parts), inputs=inputs))
+    return Config(Environment("rkhs/Toy-v0", {}), replace(build(Training, tree | parts), inputs=inputs))
 
 
 def assert_same_bits(one: Any, other: Any) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import rkhs_ros
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -42,7 +43,7 @@ def learn(training: Training, state: Any = None, environment: Environment = WRAP
 
 
 def training_with(**model: Any) -> Training:
-    return training_from({**TREE, "model": {**MODEL, **model}})
+    return build(Training, {**TREE, "model": {**MODEL, **model}})
 
 
 @pytest.mark.parametrize("discovery", ["none", "all"])
@@ -63,7 +64,7 @@ def test_the_wrapped_angle_of_the_pendulum_becomes_an_input(discovery: str) -> N
     ],
 )
 def test_monomials_grids_and_bandwidths_per_input_keep_the_inputs(changes: dict[str, Any], expected: Inputs) -> None:
-    assert learn(training_from({**TREE, "iterations": 2, **changes}))[-1].policy.inputs == expected
+    assert learn(build(Training, {**TREE, "iterations": 2, **changes}))[-1].policy.inputs == expected
 
 
 def test_a_given_kernel_keeps_the_inputs() -> None:
@@ -91,7 +92,7 @@ class Stopping(stopping.Stopping):
 
 
 def test_a_run_whose_inputs_change_resumes_bit_identically(tmp_path: Path) -> None:
-    config = Config(WRAP, training_from(TREE))
+    config = Config(WRAP, build(Training, TREE))
     whole = results(run_training(config, Stopping(), tmp_path / "whole", quiet=True))
     assert load_policy(tmp_path / "whole" / "policy.npz")[0].inputs == Inputs(**ANGLE)
     for batches in (1, 4):
@@ -103,7 +104,7 @@ def test_a_run_whose_inputs_change_resumes_bit_identically(tmp_path: Path) -> No
 
 def test_a_hidden_velocity_lengthens_the_history_by_one_step_per_iteration() -> None:
     environment = Environment("rkhs/PendulumPOMDP-v0", {})
-    training = training_from({**TREE, "model": {**MODEL, "centres": 40}, "inputs": {"angles": [0]}})
+    training = build(Training, {**TREE, "model": {**MODEL, "centres": 40}, "inputs": {"angles": [0]}})
     histories = [iteration.policy.inputs.history for iteration in learn(training, environment=environment)]
     assert histories == sorted(histories)
     assert max(histories) <= 3

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
+from rkhs_ros.base.settings import build
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
@@ -20,7 +21,7 @@ from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model_based.validation import Validation
 from rkhs_ros.learning.training import train
-from rkhs_ros.learning.training_settings import Training, training_from
+from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -54,7 +55,7 @@ def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
         "kernel": {"bandwidth_scale": 200.0 if on_grid else 1.0},
         "model": MODEL,
     }
-    return training_from({**tree, **changes})
+    return build(Training, {**tree, **changes})
 
 
 def learn(training: Training, task: Any = PENDULUM) -> list[Iteration]:
