@@ -72,7 +72,7 @@ class Process:
     def __init__(self, name: str, *arguments: object) -> None:
         environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", MODULES[name], *map(str, arguments)],
+            [*([sys.executable, "-m", MODULES[name]] if name in MODULES else [name]), *map(str, arguments)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -27,13 +27,6 @@ def test_score_features_are_coordinates_of_the_score(policy: GaussianPolicy, rng
     np.testing.assert_allclose(samples.score_features @ coefficients.ravel(), expected, atol=1e-6)
 
 
-def test_trajectory_features_are_discounted_sums(policy: GaussianPolicy, rng: np.random.Generator) -> None:
-    samples = Samples.in_newton_basis(policy, random_episodes(rng, policy, 9, 4, masked=True), centres=5)
-    discounted = 0.9 ** samples.episodes.steps[:, None] * samples.score_features
-    parts = np.split(discounted, samples.episodes.begins[1:])
-    np.testing.assert_allclose(samples.trajectory_features(0.9), [part.sum(axis=0) for part in parts], atol=1e-12)
-
-
 def test_samples_contain_the_inputs_and_exploration_of_the_policy(
     policy: GaussianPolicy, rng: np.random.Generator
 ) -> None:

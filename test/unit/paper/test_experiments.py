@@ -1,5 +1,4 @@
 import csv
-import shutil
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -25,29 +24,11 @@ def make_table(experiment: Experiment, out: Path, *, runs: int, jobs: int = 1) -
     return reproduce(experiment, out, make, runs=runs)
 
 
-def files(run: Path) -> dict[Path, int]:
-    return {file: file.stat().st_mtime_ns for file in run.rglob("*") if file.is_file()}
-
-
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
     nac, ac = (Curve(name, ROOT / "config" / f"toy_{name}.yaml", SHORT) for name in ("nac", "ac"))
     longer = replace(nac, label="longer", changes=(*SHORT, "iterations=3"))
     return Experiment("small", "Small", 2, "sd", {"left": (nac, ac), "right": (longer,)})
-
-
-@pytest.fixture(scope="module")
-def finished(experiment: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of an experiment with one run per curve."""
-    folder = tmp_path_factory.mktemp("finished")
-    make_table(experiment, folder, runs=1)
-    return folder
-
-
-@pytest.fixture
-def table(finished: Path, tmp_path: Path) -> Path:
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    return next(tmp_path.glob("*.csv"))
 
 
 def test_the_papers_figures_are_defined_with_its_numbers_of_runs() -> None:
@@ -75,21 +56,6 @@ def test_a_table_contains_every_iteration_of_every_run(experiment: Experiment, t
     assert [(row.evaluation_return, row.episodes) for row in table["left", "ac"][1]] == list(
         zip(expected, (2, 4), strict=True)
     )
-
-
-@pytest.mark.slow
-def test_an_interrupted_experiment_runs_only_what_is_missing(
-    experiment: Experiment, tmp_path: Path, table: Path
-) -> None:
-    whole = table.read_bytes()
-    lost, *finished = sorted((tmp_path / "runs").iterdir())
-    lost.rename(tmp_path / "elsewhere")
-    before = [files(run) for run in finished]
-    make_table(experiment, tmp_path, runs=1)
-    assert table.read_bytes() == whole
-    assert [files(run) for run in finished] == before
-    assert len(make_table(experiment, tmp_path, runs=2, jobs=2)["right", "longer"]) == 2
-    assert [files(run) for run in finished] == before
 
 
 @pytest.mark.parametrize("name", PAPER_RUNS)

@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,19 +18,6 @@ from rkhs_ros.rkhs.kernels import Polynomial
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from test.unit.conftest import model_free, random_policy
-
-over_inputs = pytest.mark.parametrize(
-    "inputs",
-    [
-        Inputs(),
-        Inputs(history=4),
-        Inputs(angles=(1.0,)),
-        Inputs(history=3, angles=(1.0, 0.0)),
-        Inputs(degree=2, offset=0.3),
-        Inputs(history=2, angles=(0.0,), degree=2),
-    ],
-    ids=["plain", "window", "angle", "window of angles", "monomials", "all"],
-)
 
 
 def window(inputs: Inputs, observations: np.ndarray, actions: np.ndarray, t: int) -> list[float]:
@@ -81,16 +67,6 @@ def test_unfolding_matches_single_steps_and_ignores_the_future(
         for row in range(3):
             alone = inputs.at(np.array([t]), observed[row : row + 1], done[row : row + 1])
             assert np.array_equal(alone[0, 0], together[row, t])
-
-
-@over_inputs
-def test_acting_and_learning_use_the_same_inputs(inputs: Inputs, rng: np.random.Generator) -> None:
-    policy = replace(random_policy(rng, d=inputs.dimension(2, 1), n=1), inputs=inputs)
-    batch = Batch(3, 20, 4, 9, explore=True)
-    episodes = InlineRunner(Simulation("rkhs/Pendulum-v0")).collect(policy, batch)
-    points, exploration = episodes.with_inputs(inputs).observations, batch.exploration(1)
-    for t in range(9):
-        assert np.array_equal(policy.act(points[:, t], exploration[:, t]), episodes.actions[:, t])
 
 
 def test_windows_contain_the_clipped_actions_everywhere(rng: np.random.Generator) -> None:

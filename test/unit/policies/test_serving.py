@@ -120,13 +120,6 @@ BATCH = Batch(seed=3, first_episode=5, num_envs=2, horizon=4, explore=True)
 SERVED = ServedPolicy(policy(0), version=1)
 
 
-@pytest.mark.parametrize("explores", [True, False])
-def test_a_policy_without_exploration_uses_its_mean(explores: bool) -> None:
-    first = shown(BATCH, 1, 0)
-    actions = Session().answer(Place(1, 1, 0), BATCH, first, replace(SERVED, explores=explores))
-    assert np.array_equal(actions, SERVED.policy.mean(first)) is not explores
-
-
 def test_a_failing_start_keeps_the_previous_batch_running() -> None:
     session, observed = Session(), np.repeat(SERVED.policy.mean.centres[:1], 2, axis=0)
     session.answer(Place(1, 1, 0), BATCH, shown(BATCH, 1, 0), SERVED)

@@ -72,12 +72,6 @@ def test_far_from_all_centres_the_variance_is_the_mean_by_mass() -> None:
     np.testing.assert_allclose(far, (1.0 * 1.0 + 3.0 * 4.0) / 4.0, rtol=1e-12)
 
 
-def test_a_row_does_not_depend_on_other_rows(rng: np.random.Generator) -> None:
-    x = np.concatenate([rng.normal(size=(20, 1)), [[1e6]], rng.normal(size=(20, 1))])
-    variance = KernelVariance(**GOOD)
-    assert np.array_equal(variance(x), np.concatenate([variance(row[None]) for row in x]))
-
-
 @given(sd=st.floats(0.01, 10), factor=st.floats(0, 1), minimum=st.floats(0.01, 10))
 def test_decay_shrinks_the_standard_deviation_but_not_below_its_minimum(
     sd: float, factor: float, minimum: float

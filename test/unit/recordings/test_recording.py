@@ -11,7 +11,6 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
@@ -21,7 +20,6 @@ from rkhs_ros.runs.offline import all_episodes
 from rkhs_ros.runs.recorded import RecordingRunner
 from rkhs_ros.runs.replay import RecordedRunner
 from rkhs_ros.view.recorded import Recorded
-from test.unit.conftest import arrays_of, random_policy
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -49,19 +47,6 @@ def test_definitions_match_rkhs_interfaces() -> None:
         if "Time" not in path.read_text():  # of builtin_interfaces
             kind = f"rkhs_interfaces/msg/{path.stem}"
             assert encoded(decoded(encoded(message), kind, definition(kind))) == encoded(message)
-
-
-@pytest.mark.parametrize("learnt", [False, True])
-def test_a_policy_survives_serialisation_bit_identically(rng: np.random.Generator, *, learnt: bool) -> None:
-    policy = replace(random_policy(rng, learnt=learnt), action_repeat=5)
-    message, kind = encoded(policy_message(Types(), policy, 7)), "rkhs_interfaces/msg/Policy"
-    back = policy_of(decoded(message, kind, definition(kind)))
-    before, after = arrays_of(policy), arrays_of(back)
-    assert before.keys() == after.keys()
-    assert all(np.array_equal(before[name], after[name]) for name in before)
-    for name in ("inputs", "noise", "action_repeat"):
-        assert getattr(back, name) == getattr(policy, name)
-    assert back.mean.kernel == policy.mean.kernel
 
 
 def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:

@@ -13,7 +13,7 @@ from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.replay import DifferenceError, replay
 from rkhs_ros.runs.report import start_from
 from test.unit.conftest import Result, assert_refused
-from test.unit.recordings.recorded_runs import Robot, longer, recorded_run
+from test.unit.recordings.recorded_runs import longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 ROOT = Path(__file__).parents[3]
@@ -65,13 +65,6 @@ def test_a_recording_replays_bit_identically(run: Config, tmp_path: Path) -> Non
     explored = sum(batch.batch.num_envs for batch in recording.batches if batch.batch.explore)
     assert explored == again[-1].episodes_used
     assert again[-1].episodes_used >= 100 or run.training.name != "toy_nac"
-
-
-def test_a_resumed_run_replays(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        recorded_run(tmp_path / "run", runner=Robot(8))
-    file = recorded_run(tmp_path / "run", runner=Robot(), resume=True)
-    assert len(list(replay(read_recording(file)))) == 4
 
 
 def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> None:

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rkhs_ros.rkhs.function import BLOCK_ROWS, FixedBasis, Function, grid
+from rkhs_ros.rkhs.function import BLOCK_ROWS, Function, grid
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from rkhs_ros.rkhs.pursuit import sparsify
-from rkhs_ros.rkhs.regression import relative_ridge_regression, ridge_regression
+from rkhs_ros.rkhs.regression import ridge_regression
 from test.unit.conftest import inner
 
 KERNELS: list[Kernel] = [RBF((0.8, 1.4)), Polynomial(1.0, 3), RBF((1.0,)) + Polynomial(0.5, 1)]
@@ -109,28 +109,6 @@ def test_a_grid_contains_each_combination_once() -> None:
 
 def test_a_single_point_along_a_dimension_lies_in_its_middle() -> None:
     assert grid(np.array([-1.0, 2.0]), np.array([3.0, 4.0]), (1, 2)).tolist() == [[1.0, 2.0], [1.0, 4.0]]
-
-
-def test_a_function_of_a_fixed_basis_has_the_coefficients_as_its_weights(rng: np.random.Generator) -> None:
-    basis, coefficients, x = FixedBasis(RBF((0.7,)), rng.normal(size=(4, 2))), rng.normal(size=(4, 3)), np.ones((1, 2))
-    function = basis.function(coefficients)
-    assert np.array_equal(function.weights, coefficients)
-    assert np.array_equal(function.centres, basis.centres)
-    np.testing.assert_allclose(function(x), basis(x) @ coefficients, rtol=1e-12)
-
-
-@pytest.mark.parametrize("intercept", [True, False])
-@pytest.mark.parametrize("n", [5, 60], ids=["wide", "tall"])
-def test_a_relative_ridge_regression_is_least_squares_on_the_augmented_system(
-    rng: np.random.Generator, n: int, intercept: bool
-) -> None:
-    features, targets = rng.normal(1.0, 2.0, size=(n, 6)), rng.normal(3.0, 1.0, size=n)
-    penalty = np.sqrt(0.2 * np.sum(features**2) / n)
-    design = np.block([[features, np.full((n, 1), float(intercept))], [penalty * np.eye(6), np.zeros((6, 1))]])
-    expected = np.linalg.lstsq(design, np.append(targets, np.zeros(6)))[0][:6]
-    np.testing.assert_allclose(
-        relative_ridge_regression(features, targets, 0.2, intercept=intercept), expected, rtol=1e-9
-    )
 
 
 def test_a_function_at_many_points_is_bit_identical_to_single_points(rng: np.random.Generator) -> None:

@@ -1,7 +1,6 @@
 """The posterior matches scikit-learn's Gaussian process and does not depend on units."""
 
 from collections.abc import Callable
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -217,21 +216,6 @@ def test_weights_act_as_repeated_points(plain: None, rng: np.random.Generator) -
     np.testing.assert_allclose(weighted.mean(elsewhere), repeated.mean(elsewhere), rtol=1e-8)
     np.testing.assert_allclose(weighted.sd(elsewhere), repeated.sd(elsewhere), rtol=1e-6)
     np.testing.assert_allclose(weighted.noise, repeated.noise, rtol=1e-8)
-
-
-@pytest.mark.parametrize(("of_points", "of_targets"), [(1024.0, 1.0), (1 / 1024, 1.0), (1.0, 1024.0), (1 / 1024, 1024)])
-def test_scaling_units_by_a_power_of_two_gives_a_bit_identical_posterior(
-    rng: np.random.Generator, of_points: float, of_targets: float
-) -> None:
-    x = points_of(rng, 50)
-    y = targets_of(rng, x, 2)
-    fitted, scaled = Posterior.fit(x, y, 20), Posterior.fit(of_points * x, of_targets * y, 20)
-    for ours, theirs in zip(fitted.coefficients, scaled.coefficients, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    for f in fields(fitted.basis):
-        assert np.array_equal(getattr(fitted.basis, f.name), getattr(scaled.basis, f.name))
-    np.testing.assert_array_equal(scaled.mean(of_points * x), of_targets * fitted.mean(x))
-    np.testing.assert_array_equal(scaled.sd(of_points * x), of_targets * fitted.sd(x))
 
 
 @pytest.mark.filterwarnings("error")

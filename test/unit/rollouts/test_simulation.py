@@ -63,26 +63,6 @@ def test_actions_of_a_type_that_recordings_do_not_have_are_refused() -> None:
         Simulation(Half)
 
 
-def test_a_finished_episode_has_no_further_reward(walk: Simulation) -> None:
-    walk.start(batch(3, 8))
-    pace = np.array([[1.0, 0.0], [0.0, 0.0], [2.0, 2.0]])  # over after four steps, never, and immediately
-    frames = [walk.step(pace) for _ in range(8)]
-    active = np.array([frame.active for frame in frames]).T.tolist()
-    rewards = np.array([frame.rewards for frame in frames]).T.tolist()
-    assert active[0] == [True] * 3 + [False] * 5
-    assert active[1] == [True] * 7 + [False]
-    assert active[2] == [False] * 8
-    assert rewards == [[1.0] * 4 + [0.0] * 4, [1.0] * 8, [1.0] + [0.0] * 7]
-
-
-def test_an_episode_depends_only_on_its_number(walk: Simulation) -> None:
-    offsets = walk.start(batch(4, 3)).observations[:, 1]
-    assert len(set(offsets)) == 4
-    walk.step(np.zeros((4, 2)))
-    assert np.array_equal(walk.start(batch(2, 3, first=2)).observations[:, 1], offsets[2:])
-    assert np.array_equal(walk.start(batch(4, 3)).observations[:, 1], offsets)
-
-
 def test_a_gymnasium_environment_is_simulated() -> None:
     simulation = Simulation("Pendulum-v1", {"g": 9.0})
     spaces = simulation.spaces

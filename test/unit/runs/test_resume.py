@@ -85,7 +85,7 @@ def test_a_run_with_a_model_resumes_the_policy_that_explores_as_well_as_the_reco
         if update.policy_version != update.explorer_version:
             break
     assert update.policy_version != update.explorer_version
-    assert results(resumed(stopped(tmp_path / "run", 8, config), config)) == results(whole)
+    assert results(resumed(stopped(tmp_path / "run", 6, config), config)) == results(whole)
 
 
 def test_a_finished_run_repeats_its_last_iteration(tmp_path: Path, whole: dict[str, object]) -> None:

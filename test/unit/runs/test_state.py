@@ -49,7 +49,7 @@ def config_of(way: Any) -> Config:
     model = {"form": form} | ({"updates": 2, "rollouts": 5, "centres": 20} if form != "none" else {})
     kernel = {"bandwidth": 4.0} if on_grid else {"form": "monomials", "degree": 2}
     parts = {"kernel": kernel, "algorithm": size | way, "model": model}
-    inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,))
+    inputs = Inputs(angles=(0.0,)) if on_grid else Inputs(history=2, angles=(0.0,), turns=(360.0,))
     return Config(Environment("rkhs/Toy-v0", {}), replace(build(Training, tree | parts), inputs=inputs))
 
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_nodes.envs import TASKS
+from sim_nodes.envs.control_tasks import BallOnBeam
 from sim_nodes.envs.lever_stafford import Pendulum, PendulumPOMDP, Toy
 from sim_nodes.envs.vector_task import VectorTask
 
@@ -62,18 +63,15 @@ def test_a_single_environment_equals_one_of_the_vector_environment(task: str, rn
     assert t == horizon or task == "rkhs/BallOnBeam-v0"
 
 
-@over_variants
-@given(rows=st.integers(1, 6), seed=st.integers(0, 999))
-def test_environments_of_a_batch_are_independent(
-    cls: type[VectorTask], options: dict[str, Any], rows: int, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    actions, seeds = rng.normal(scale=3, size=(15, rows, 1)), rng.integers(2**40, size=rows).tolist()
-    together = play(cls(rows, 10, **options), actions, seeds)  # past the end of an episode
-    for row in range(rows):
-        alone = play(cls(1, 10, **options), actions[:, row : row + 1], seeds[row : row + 1])
+def test_environments_that_end_at_different_times_are_independent(rng: np.random.Generator) -> None:
+    seeds, horizon = [3, 4, 5], 40
+    actions = np.array([1.0, -1.0, 0.0])[:, None] * np.ones((3 * horizon, 3, 1))
+    together = play(BallOnBeam(3, horizon), actions, seeds)
+    for row, seed in enumerate(seeds):
+        alone = play(BallOnBeam(1, horizon), actions[:, row : row + 1], [seed])
         for a, b in zip(alone, together, strict=True):
             assert np.array_equal(a[:, 0], b[:, row])
+    assert len({tuple(np.flatnonzero(each == 0.0)) for each in together[1].T}) > 1  # the steps that restart
 
 
 def test_a_step_of_the_toy_is_the_papers_formula() -> None:

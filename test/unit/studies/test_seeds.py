@@ -94,6 +94,8 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert (result.code, result.err) == (0, "")
     assert {path: results(path) for path in seed_folders(started_runs)} == whole
     assert times(finished) == before
+    assert rkhs("train", "--resume", "many", "--iterations", 3, "--quiet", "--jobs", 1).code == 0
+    assert [len(Curve(path / "curve.csv").rows()) for path in seed_folders(started_runs)] == [3] * 3
 
 
 @pytest.mark.nightly

@@ -2,7 +2,7 @@ import csv
 import os
 import shutil
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -137,16 +137,7 @@ def ended_by_signal(number: int) -> int:
     return number
 
 
-def results(jobs: int) -> Iterator[int]:
-    call = abs if jobs == 1 else ended_by_signal
-    return run_parallel(call, [(number,) for number in range(4)], jobs=jobs, title="calls", quiet=True)
-
-
-def test_a_single_process_executes_calls_in_sequence() -> None:
-    assert list(results(1)) == [0, 1, 2, 3]
-
-
 @pytest.mark.slow
 def test_killed_processes_are_reported() -> None:
     with pytest.raises(WorkerLostError, match="run the same command to continue"):
-        list(results(2))
+        list(run_parallel(ended_by_signal, [(number,) for number in range(4)], jobs=2, title="calls", quiet=True))

@@ -83,14 +83,6 @@ def test_the_metrics_describe_the_update(algorithm: Algorithm, rng: np.random.Ge
     assert metrics.kl == pytest.approx(kl_between(policy, new, episodes.flat(episodes.observations)))
 
 
-@pytest.mark.parametrize("critic", ["step", "trajectory"])
-def test_a_nac_step_has_the_given_divergence(critic: str, rng: np.random.Generator) -> None:
-    policy = random_policy(rng)
-    algorithm = RKHSNAC(centres=60, critic=critic, step=KLStep(0.07))
-    _, metrics = learn(algorithm, policy, random_episodes(rng, policy), 0.99)
-    assert metrics.kl == pytest.approx(0.07, rel=1e-3)  # the ridge of the sparsification changes it by 1e-4
-
-
 BASELINE = ValueBaseline(0.3, trace=0.6)
 ESTIMATORS = {
     "step": partial(step_critic, ridge=0.1, baseline=BASELINE),

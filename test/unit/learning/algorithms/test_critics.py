@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.algorithms.critics import ValueBaseline, pursuit_critic, step_critic, trajectory_critic
+from rkhs_ros.learning.algorithms.critics import ValueBaseline, pursuit_critic, step_critic
 from rkhs_ros.learning.samples import Samples
 from rkhs_ros.rkhs.function import FixedBasis
 from rkhs_ros.rkhs.kernels import LINEAR
@@ -20,27 +20,6 @@ def samples(rng: np.random.Generator) -> Callable[..., Samples]:
         return Samples.in_newton_basis(policy, random_episodes(rng, policy, n, horizon, masked=masked), centres)
 
     return make
-
-
-@pytest.mark.parametrize(("n", "centres"), [(6, 12), (40, 3)], ids=["fewer episodes", "more episodes"])
-@pytest.mark.parametrize("masked", [False, True], ids=["whole", "masked"])
-def test_primal_and_dual_of_the_trajectory_critic_agree(
-    samples: Callable[..., Samples], n: int, centres: int, masked: bool
-) -> None:
-    data = samples(n, 8, centres, masked=masked)
-    returns = data.episodes.returns(DISCOUNT)
-    features, row = np.zeros((n, data.score_features.shape[1])), 0
-    for i, length in enumerate(data.episodes.mask.sum(axis=1)):
-        for t in range(length):
-            features[i] += DISCOUNT**t * np.kron(data.features[row], data.exploration[row] / data.variance[row])
-            row += 1
-    ridge = 0.3 * np.mean(np.sum(features**2, axis=1))
-    # min |returns - features w - b|^2 + ridge |w|^2, the intercept b without a penalty
-    p = features.shape[1]
-    design = np.block([[features, np.ones((n, 1))], [np.sqrt(ridge) * np.eye(p), np.zeros((p, 1))]])
-    primal = np.linalg.lstsq(design, np.append(returns, np.zeros(p)))[0][:p]
-    dual = trajectory_critic(data, DISCOUNT, 0.3)
-    np.testing.assert_allclose(dual.ravel(), primal, rtol=1e-6, atol=1e-10)
 
 
 @pytest.mark.parametrize("linear", [False, True], ids=["rbf", "linear"])

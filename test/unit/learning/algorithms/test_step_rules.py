@@ -42,22 +42,3 @@ def test_the_cap_limits_the_step() -> None:
 @pytest.mark.parametrize("rule", [KLStep(0.02, size=1.0), LineSearch()], ids=["kl", "line search"])
 def test_a_zero_direction_gives_no_step(rule: KLStep | LineSearch) -> None:
     assert rule.step_size(np.zeros((5, 2)), np.ones((5, 2)), never) == 0.0
-
-
-@given(best=st.floats(-4.0, 2.0), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 999))
-def test_a_line_search_selects_the_candidate_closest_to_the_maximum(best: float, scale: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    direction, variance = scale * rng.normal(size=(20, 2)), rng.uniform(0.1, 4, (20, 2))
-    length = np.sqrt(np.mean([row @ (row / v) for row, v in zip(direction, variance, strict=True)]))
-    tried: list[tuple[float, int]] = []
-
-    def mean_return(size: float, episodes: int) -> float:
-        tried.append((size, episodes))
-        return -((np.log(size * length) - best) ** 2)  # concave in the logarithm of the length
-
-    rule = LineSearch()
-    size = rule.step_size(direction, variance, mean_return)
-    lengths = np.exp(np.linspace(np.log(0.01), np.log(3.0), 50))
-    np.testing.assert_allclose([size * length for size, _ in tried], lengths, rtol=1e-9)
-    assert [episodes for _, episodes in tried] == [1] * 50
-    assert np.log(size * length) == pytest.approx(np.log(lengths[np.argmin(np.abs(np.log(lengths) - best))]), rel=1e-9)

@@ -101,12 +101,6 @@ def test_an_angle_without_effect_on_the_motion_is_not_found() -> None:
 
 
 @pytest.mark.parametrize("task", [pendulum, cart])
-@pytest.mark.parametrize("seed", [0, 1])
-def test_observations_of_the_whole_state_keep_the_history(task: Any, seed: int) -> None:
-    assert discovered(task(seed)).history == 1
-
-
-@pytest.mark.parametrize("task", [pendulum, cart])
 @pytest.mark.parametrize("hide", [late, lambda episodes: observing(episodes, [0])], ids=["late", "no velocities"])
 @pytest.mark.parametrize("seed", [0])
 def test_a_hidden_state_lengthens_the_history_by_one_step(task: Any, hide: Any, seed: int) -> None:

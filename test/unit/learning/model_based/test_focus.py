@@ -17,10 +17,7 @@ from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.streams import Batch
-from rkhs_ros.policies.variance import ConstantVariance
-from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from test.unit.conftest import model_free
@@ -90,14 +87,6 @@ def test_an_angle_at_its_jump_does_not_vary(rng: np.random.Generator) -> None:
     )
     assert fitted(wrapped).starts_vary
     assert not fitted(wrapped, Inputs(angles=(0,))).starts_vary
-
-
-def test_without_visited_starts_all_rollouts_start_from_initial_observations(rng: np.random.Generator) -> None:
-    episodes = walks(rng, 0.01 * rng.standard_normal((ROWS, 2)))
-    policy = GaussianPolicy(Function.constant(RBF((1.0,)), 2, 1), ConstantVariance(np.ones(1)))
-    runner = ModelRunner(fitted(episodes), visited_starts=False)
-    begins = runner.collect(policy, Batch(0, 0, 100, 2, explore=True)).observations[:, 0]
-    assert {row.tobytes() for row in begins} == {row.tobytes() for row in episodes.observations[:, 0]}
 
 
 def ridges_of_a_run(environment: str) -> list[tuple[float, float]]:

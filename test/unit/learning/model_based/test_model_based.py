@@ -29,8 +29,6 @@ from rkhs_ros.rkhs.posterior import Posterior
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
-from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.run import run_training
 from test.unit.conftest import Result, assert_refused
 from test.unit.runs import stopping
 
@@ -39,7 +37,6 @@ MODEL = {"form": "gaussian_process", "discovery": "none", "updates": 3, "rollout
 WIDE = {"grid": [-4.0, 4.0, 2]}
 PENDULUM = "rkhs/Pendulum-v0"
 over_algorithms = pytest.mark.parametrize("algorithm", ALGORITHMS)
-ArraysOf = Callable[[Any], dict[str, np.ndarray]]
 
 
 def settings(name: str = "rkhs_nac", **changes: Any) -> Training:
@@ -195,29 +192,6 @@ CONFIG = Config(Environment(PENDULUM, {"angle": "wrap"}), settings(inputs={"angl
 
 class Stopping(stopping.Stopping):
     environment = CONFIG.environment
-
-
-def results(folder: Path) -> dict[str, object]:
-    """Return the results of a run without its durations."""
-    names = ("policy.npz", "best_policy.npz", "config.yaml")
-    lines = [line.rpartition(",")[0] for line in (folder / "curve.csv").read_text().splitlines()]
-    return {"curve": lines} | {name: (folder / name).read_bytes() for name in names}
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
-    return results(run_training(CONFIG, Stopping(), tmp_path_factory.mktemp("whole") / "run", quiet=True))
-
-
-@pytest.mark.parametrize("batches", [1, 2, 4])
-def test_an_interrupted_model_based_run_resumes_bit_identically(
-    tmp_path: Path, whole: dict[str, object], batches: int
-) -> None:
-    folder = tmp_path / "run"
-    with pytest.raises(KeyboardInterrupt):
-        run_training(CONFIG, Stopping(batches), folder, quiet=True)
-    assert len(Curve(folder / "curve.csv").rows()) == batches // 2
-    assert results(run_training(CONFIG, Stopping(), folder, quiet=True, resume=True)) == whole
 
 
 def test_the_state_contains_all_real_episodes_with_raw_observations() -> None:
