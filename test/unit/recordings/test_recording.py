@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile, MessageReader, Stored
 from rkhs_ros.recordings.definitions import FOLDER, Types, decoded, definition, encoded
@@ -20,6 +21,7 @@ from rkhs_ros.runs.offline import all_episodes
 from rkhs_ros.runs.recorded import RecordingRunner
 from rkhs_ros.runs.replay import RecordedRunner
 from rkhs_ros.view.recorded import Recorded
+from test.unit.conftest import random_policy
 from test.unit.recordings.recorded_runs import CONFIG, Robot, content, longer, recorded_run
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -47,6 +49,12 @@ def test_definitions_match_rkhs_interfaces() -> None:
         if "Time" not in path.read_text():  # of builtin_interfaces
             kind = f"rkhs_interfaces/msg/{path.stem}"
             assert encoded(decoded(encoded(message), kind, definition(kind))) == encoded(message)
+
+
+def test_the_noise_of_a_policy_is_recorded(rng: np.random.Generator) -> None:
+    message = policy_message(Types(), replace(random_policy(rng), noise="pink"), 7)
+    kind = "rkhs_interfaces/msg/Policy"
+    assert policy_of(decoded(encoded(message), kind, definition(kind))).noise == "pink"
 
 
 def test_an_independent_reader_gets_the_same_values(whole: Path) -> None:
