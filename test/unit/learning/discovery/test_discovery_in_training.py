@@ -20,8 +20,8 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment
 from rkhs_ros.runs.run import run_training
-from test.unit.learning.model_based.test_model_based import results
 from test.unit.runs import stopping
+from test.unit.runs.test_resume import results
 
 PENDULUM = "rkhs/Pendulum-v0"
 WRAP = Environment(PENDULUM, {"angle": "wrap"})
