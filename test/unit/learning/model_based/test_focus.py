@@ -118,16 +118,16 @@ def test_ridges_are_smaller_once_the_starts_are_known_to_be_the_same() -> None:
 
 
 @pytest.mark.parametrize(("environment", "count"), [("rkhs/CartPoleSwingUp-v0", 1), ("Pendulum-v1", 5)])
-def test_rollouts_share_five_worlds_if_starts_vary(
+def test_rollouts_share_five_worlds_and_visit_states_if_starts_vary(
     environment: str, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    counts = []
+    used = []
 
     class Spy(ModelRunner):
         def __init__(self, model: DynamicsModel, **options: Any) -> None:
-            counts.append(len(options.get("worlds", ())))
+            used.append((len(options.get("worlds", ())), options.get("visited_starts", True)))
             super().__init__(model, **options)
 
     monkeypatch.setattr(training_in_model, "ModelRunner", Spy)
     learn(RKHSNAC(centres=10), environment)
-    assert counts[-2:] == [count, 0]  # the policy for use is the best in all functions
+    assert used[-2:] == [(count, count > 1), (0, False)]  # the policy for use is the best in all functions

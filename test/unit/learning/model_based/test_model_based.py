@@ -17,6 +17,7 @@ from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
+from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model_based.validation import Validation
@@ -230,6 +231,24 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
     learn(replace(training, algorithm=Watched(centres=12)))
     assert set(lasted) == {steps}
     assert discount**steps < 0.05 or steps == 100
+
+
+def test_updates_in_the_model_explore_by_white_noise_and_keep_the_best_rollouts_in_memory() -> None:
+    noises, best = set(), []
+
+    @dataclass(frozen=True)
+    class Watched(RKHSPoWER):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            noises.add(policy.noise)
+            best.append(experience.memory.returns(experience.discount).max(initial=-np.inf))
+            return super().update(policy, experience)
+
+    pendulum = settings(iterations=1, model={**MODEL, "updates": 12})
+    learn(replace(pendulum, algorithm=Watched(centres=12, reuse=4)))
+    assert best == sorted(best)
+    assert len(set(best)) < len(best)  # the rollouts of some updates are worse than those remembered
+    learn(replace(settings(), algorithm=Watched(centres=12)), Odd(constant="rewards"))  # whose real episodes are pink
+    assert noises == {"white"}
 
 
 def rarely_rewarded() -> gymnasium.Env[Any, Any]:
