@@ -115,8 +115,10 @@ def test_a_requested_stop_prevents_arming(kind: str) -> None:
     unarmed.request_stop(True)
     assert "stop" in unarmed.arm()
     assert unarmed.state.mode == Mode.DISARMED
-    unarmed.request_stop(False)
-    assert unarmed.arm() == ""  # at the first attempt, unlike after a stop by the operator
+    released = World(rules_of(kind))
+    released.request_stop(True)
+    released.request_stop(False)
+    assert released.arm() == ""  # at the first attempt, unlike after a stop by the operator
 
 
 @over_kinds
