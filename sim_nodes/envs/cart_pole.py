@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Body, beads, in_plane
-from sim_nodes.envs.vector_task import Array, DrawnTask, Flags, wrapped
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Array, Body, beads, in_plane
+from sim_nodes.envs.vector_task import DrawnTask, Flags, wrapped
 
 SECONDS = 3.0  # of an episode
 USUAL_RATE = 20.0  # Hz

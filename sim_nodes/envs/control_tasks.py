@@ -4,8 +4,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from scipy.special import ndtr
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Body, in_plane, quaternions
-from sim_nodes.envs.vector_task import Array, DrawnTask, Flags, clip, wrapped
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, ORANGE, PALE, Array, Body, in_plane, quaternions
+from sim_nodes.envs.vector_task import DrawnTask, Flags, clip, wrapped
 
 BEAM_HALF = 0.5  # m, of the beam's length
 BALL_START = np.array([0.3, 0.2, 0.05])  # greatest position (m), velocity (m/s) and angle (rad) at the start

@@ -5,8 +5,8 @@ from typing import ClassVar
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Body, beads, in_plane
-from sim_nodes.envs.vector_task import Array, DrawnTask, clip, wrapped
+from sim_nodes.envs.scene import BLUE, DARK, GREEN, PALE, Array, Body, beads, in_plane
+from sim_nodes.envs.vector_task import DrawnTask, clip, wrapped
 
 GOAL = 3.0
 MOVE_BEADS = 8  # in the line that visualises the action

@@ -11,9 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Corner, Pixels
+from sim_nodes.envs.scene import Array, Body, BodyTrajectories, Camera, Corner, Pixels
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 NOISE_BLOCK = 128  # steps

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from sim_nodes.envs.scene import Body, BodyTrajectories, Camera, Pixels
-from sim_nodes.envs.vector_task import Array, SingleTask, VectorTask, clip
+from sim_nodes.envs.scene import Array, Body, BodyTrajectories, Camera, Pixels
+from sim_nodes.envs.vector_task import SingleTask, VectorTask, clip
 from sim_nodes.pr2.motion import RATE, SECONDS, Demonstration, Motion, adapted, demonstration
 from sim_nodes.pr2.world import OPENED, Trajectory, World, knots
 

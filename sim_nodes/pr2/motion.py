@@ -11,9 +11,9 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from sim_nodes.envs.scene import Array
 
 FILE = "demonstration.npz"
 RATE = 20  # Hz, of knots

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from importlib.resources import as_file, files
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_nodes.bullet import connected, pybullet
-from sim_nodes.envs.scene import Body
+from sim_nodes.envs.scene import Array, Body
 from sim_nodes.pr2.motion import FINGERS, MOVING, RATE, TIPS, Motion, arm_chain, finger_angle, gap, rotation_about
-
-Array = NDArray[np.float64]
 
 CONTROL_RATE = 60  # Hz
 SIMULATION_RATE = 120  # Hz

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.policies.streams import stream
+from sim_nodes.envs.scene import Array
 from sim_nodes.robots.drives import DriveLimits, Drives
 from sim_nodes.robots.robot import JointReadings, Robot, RobotSettings
 
 if TYPE_CHECKING:
     from sim_nodes.robots.arm_body import Pose
 
-Array = NDArray[np.float64]
 POSITIONS, TRAJECTORIES = "position_controller", "joint_trajectory_controller"
 HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.79])  # rad: the hand in front of the mark's path, pointing down
 SIZE = len(HOME)

@@ -4,14 +4,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_nodes.bullet import connected, pybullet, silence
+from sim_nodes.envs.scene import Array
 
 with silence(1):
     import pybullet_data
 
-Array = NDArray[np.float64]
 FILE = Path(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
 JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 BASE, TOOL = "panda_link0", "panda_grasptarget"

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim_nodes.envs.scene import Array
 from sim_nodes.robots.robot import SECOND_PUBLISHER, TOLERANCE, Protection
 
-Array = NDArray[np.float64]
 LIMITED = ("position", "step", "velocity", "acceleration")
 KINDS = ("malformed", "non_finite", *LIMITED, SECOND_PUBLISHER)
 BANDWIDTH = 15.0  # 1/s, of the critically damped filter between set points and motion

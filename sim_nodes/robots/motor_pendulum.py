@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.policies.streams import stream
+from sim_nodes.envs.scene import Array
 from sim_nodes.robots.robot import SECOND_PUBLISHER, JointReadings, Protection, Robot, RobotSettings, exceeds
 
-Array = NDArray[np.float64]
 JOINT = "motor"
 KINDS = ("malformed", "non_finite", "torque", "torque_step", "velocity", SECOND_PUBLISHER)
 BRAKE = 60.0  # rad/s²: from the greatest velocity to rest in 0.2 s
