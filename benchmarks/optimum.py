@@ -17,7 +17,8 @@ from scipy.sparse import coo_array, csr_array
 
 from command import ended, parser
 from sim_nodes.envs import TASKS
-from sim_nodes.envs.vector_task import Array, VectorTask, clip
+from sim_nodes.envs.scene import Array
+from sim_nodes.envs.vector_task import VectorTask, clip
 
 DISCOUNT = 0.99
 
