@@ -274,6 +274,10 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
         for threshold in TASKS[task].thresholds:
             panel.axhline(threshold, color="0.5", linewidth=0.8, linestyle=":")
         least = TASKS[task].thresholds[0]
+        if least < 0.0:  # early returns are far below the threshold
+            panel.set_yscale("symlog", linthresh=-least)
+            panel.set_ylim(top=0.0)
+            panel.yaxis.set_major_formatter(lambda value, _: _minus(f"{value:g}"))
         panel.annotate(_minus(f"{least:g}"), (1.01, least), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
     names = panels[0].get_legend_handles_labels()
