@@ -16,6 +16,7 @@ from rkhs_ros.base.validation import require, truncated
 
 MOST_BYTES = 100_000  # of a text; PyYAML needs about a second for it
 MOST_INT64 = 2**63 - 1
+OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"}  # parameters that ROS declares
 NUMBER_WORDS = r"[-+]?(?:\.(?:inf|Inf|INF)|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])|\.(?:nan|NaN|NAN)"
 BOOLS = r"y|Y|yes|Yes|YES|true|True|TRUE|on|On|ON|n|N|no|No|NO|false|False|FALSE|off|Off|OFF"
 RESOLVERS = {  # types of plain scalars; the first match counts; numbers follow strtol and strtod

@@ -8,7 +8,7 @@ from typing import Any
 
 from rkhs_ros.base.settings import Entry, build, entries
 from rkhs_ros.base.validation import hint, require, truncated
-from rkhs_ros.base.yaml_text import PARAMETERS, loaded, read_sections, require_ros_value
+from rkhs_ros.base.yaml_text import OF_ANY_NODE, PARAMETERS, loaded, read_sections, require_ros_value
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import Task
 from rkhs_ros.runs.defaults import settings_for
@@ -16,7 +16,6 @@ from rkhs_ros.runs.defaults import settings_for
 ENVIRONMENT = re.compile(r"-v\d+$")  # end of a Gymnasium id
 MOST_ENVS = 10_000
 # Parameters of each node that are not settings of a run.
-OF_ANY_NODE = {"use_sim_time", "start_type_description_service", "qos_overrides"}
 NODE_PARAMETERS = {
     "simulator": OF_ANY_NODE,
     "robot": OF_ANY_NODE | {"simulated"},

@@ -13,7 +13,7 @@ import numpy as np
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.base.validation import numbers, require
 from rkhs_ros.policies.streams import stream
-from sim_nodes.envs.scene import Array
+from rkhs_ros.rkhs.kernels import Array
 from sim_nodes.robots.drives import DriveLimits, Drives
 from sim_nodes.robots.robot import JointReadings, Robot, RobotSettings
 

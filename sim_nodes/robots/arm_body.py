@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rkhs_ros.rkhs.kernels import Array
 from sim_nodes.bullet import connected, pybullet, silence
-from sim_nodes.envs.scene import Array
 
 with silence(1):
     import pybullet_data

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_nodes.envs.scene import Array
+from rkhs_ros.rkhs.kernels import Array
 from sim_nodes.robots.robot import SECOND_PUBLISHER, TOLERANCE, Protection
 
 LIMITED = ("position", "step", "velocity", "acceleration")

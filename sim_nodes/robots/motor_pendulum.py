@@ -16,7 +16,7 @@ import numpy as np
 
 from rkhs_ros.base.settings import Settings, setting
 from rkhs_ros.policies.streams import stream
-from sim_nodes.envs.scene import Array
+from rkhs_ros.rkhs.kernels import Array
 from sim_nodes.robots.robot import SECOND_PUBLISHER, JointReadings, Protection, Robot, RobotSettings, exceeds
 
 JOINT = "motor"

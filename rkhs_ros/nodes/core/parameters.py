@@ -11,8 +11,7 @@ from rclpy.node import Node
 
 from rkhs_ros.base.settings import Entry
 from rkhs_ros.base.validation import hint, require
-from rkhs_ros.base.yaml_text import MOST_INT64, is_for, read_sections
-from rkhs_ros.runs.config import OF_ANY_NODE
+from rkhs_ros.base.yaml_text import MOST_INT64, OF_ANY_NODE, is_for, read_sections
 
 USAGE = """usage: ros2 run rkhs_ros {0} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r __ns:=/NAMESPACE]
 
