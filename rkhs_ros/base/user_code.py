@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rkhs_ros.base.endings import RunError, StoppedError
+from rkhs_ros.base.endings import ENDING, RunError, StoppedError
 from rkhs_ros.base.processes import searches_here
 from rkhs_ros.base.validation import hint, require, truncated
 
@@ -83,9 +83,12 @@ def call_user_function(function: Callable[..., Any], *arrays: NDArray[np.float64
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Return whether a signal, not user code, raised an error: if another handler is set, Ctrl-C does not raise it."""
-    by_ctrl_c = isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    return by_ctrl_c or isinstance(error, StoppedError)
+    """Return whether a signal, not user code, raised an error: with other handlers, none raises KeyboardInterrupt.
+
+    A shell ignores Ctrl-C for its background processes, which SIGTERM still interrupts.
+    """
+    raises = signal.default_int_handler in map(signal.getsignal, ENDING)
+    return (isinstance(error, KeyboardInterrupt) and raises) or isinstance(error, StoppedError)
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rkhs_ros.base.endings import Stop, StoppedError
-from rkhs_ros.base.user_code import user_module
+from rkhs_ros.base.endings import ENDING, Stop, StoppedError
+from rkhs_ros.base.user_code import call_user_function, user_module
 
 OUR = signal.SIGUSR1
 
@@ -44,3 +44,15 @@ def test_a_request_interrupts_the_import_of_user_code(
     (tmp_path / "slow_prior.py").write_text(f"import signal\nsignal.raise_signal({int(OUR)})\n")
     with pytest.raises(StoppedError), stop.interrupting():
         user_module("slow_prior", "")
+
+
+def test_a_termination_interrupts_user_code_also_if_the_shell_ignores_ctrl_c() -> None:
+    before = [(number, signal.getsignal(number)) for number in ENDING]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            call_user_function(lambda: signal.raise_signal(signal.SIGTERM))
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
