@@ -8,6 +8,7 @@ films of robots are made from the folder of a run in config/ after `rkhs evaluat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,6 +46,7 @@ FRAME_MS, ARM_MS, LAST_MS = 60, 150, 3000  # durations of a frame, of one of the
 WIDTH, HEIGHT, DPI = 9.6, 3.3, 100  # inches
 PANEL, TOP = 0.33, 0.88  # width and height of a panel, relative to the figure
 SIZE = (round(PANEL * WIDTH * DPI), round(TOP * HEIGHT * DPI))  # pixels of a panel
+MAX_BYTES = 2_000_000
 
 
 class Scene(NamedTuple):
@@ -234,8 +236,16 @@ def frames(scenes: list[Scene], chart: Chart) -> Iterator[Image.Image]:
 
 
 def write_film(name: str, scenes: list[Scene], chart: Chart, frame_ms: int = FRAME_MS) -> None:
-    """Write a film of scenes beside this file."""
-    write_gif(HERE / f"{name}.gif", list(frames(scenes, chart)), frame_ms, LAST_MS)
+    """Write a film of scenes beside this file.
+
+    Raises:
+        ValueError: the file would be larger than `MAX_BYTES`.
+    """
+    buffer = BytesIO()
+    write_gif(buffer, list(frames(scenes, chart)), frame_ms, LAST_MS)
+    if len(buffer.getvalue()) > MAX_BYTES:
+        raise ValueError(f"{name}: expected at most {MAX_BYTES} bytes, got {len(buffer.getvalue())}")
+    (HERE / f"{name}.gif").write_bytes(buffer.getvalue())
 
 
 def tune_node(parameters: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from ctypes.util import find_library
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -138,14 +139,14 @@ def animate(path: Path, film: Film) -> None:
     write_gif(path, images, round(1000.0 * SECONDS / len(images)), LAST_MS)
 
 
-def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int, last_ms: int) -> None:
+def write_gif(file: Path | BytesIO, images: Sequence[Image.Image], frame_ms: int, last_ms: int) -> None:
     """Write a GIF with a common palette, which compresses far better than separate ones."""
     palette = Image.fromarray(np.concatenate([np.asarray(images[k]) for k in spread(len(images), MOMENTS)]))
     palette = palette.quantize(PALETTE_SIZE)
     palette.putpalette([255 if value >= ALMOST_WHITE else value for value in palette.getpalette() or []])
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [frame_ms] * len(others) + [last_ms]
-    first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    first.save(file, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
 
 
 def _captioned(picture: Pictures, caption: str) -> Image.Image:
