@@ -160,7 +160,9 @@ HEADS = ("Configuration", "Seeds", "Until {:g}", "Worst", "Until {:g}", "Worst",
 def as_markdown(results: Iterable[Result]) -> str:
     """Return one table per pair of thresholds of which there are results."""
     found = summaries(results)
-    tables = {t: {name: each for name, each in found.items() if thresholds_of(name) == t} for t in THRESHOLDS.values()}
+    tables: dict[tuple[float, ...], dict[str, Summary]] = {thresholds: {} for thresholds in THRESHOLDS.values()}
+    for name, each in found.items():
+        tables[thresholds_of(name)][name] = each
     return "\n".join(_table(thresholds, its) for thresholds, its in tables.items() if its)
 
 
