@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, SymmetricalLogLocator
 
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.studies.aggregates import CONFIDENCE, RESAMPLES, SEED, Estimate, mean_over_runs
@@ -26,6 +26,7 @@ PUBLISHED = RESULTS / "published.csv"  # by others
 BEGIN, END = "<!-- made by benchmarks/tasks.py -->\n", "<!-- end -->\n"
 AFTER = (5, 10, 20, 50, 100)  # episodes
 SCORES = ("episodes", "steps", "return")
+STEPS = (1.0, 2.0, 5.0)  # of logarithmic axes
 COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
 
 
@@ -183,7 +184,7 @@ def summary(cells: Cells) -> str:
     ]
     for learner in learners:
         both = [its for its in cells.values() if learner != "ours" and {"ours", learner} <= set(its)]
-        if both:
+        if len(both) > 1:
             found = [percents(compared(both, "ours", learner, how)) for how in SCORES]
             lines.append(f"| `{learner}` | {len(both)} | {' | '.join(found)} |")
     return "\n".join([*lines, "", *published(cells), ""])
@@ -271,12 +272,12 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
             panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
     for panel, name in zip(panels, units, strict=True):
         _count_along(panel, name)
-        for threshold in TASKS[task].thresholds:
-            panel.axhline(threshold, color="0.5", linewidth=0.8, linestyle=":")
         least = TASKS[task].thresholds[0]
+        panel.axhline(least, color="0.5", linewidth=0.8, linestyle=":")
         if least < 0.0:  # early returns are far below the threshold
             panel.set_yscale("symlog", linthresh=-least)
             panel.set_ylim(top=0.0)
+            panel.yaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=-least, subs=STEPS))
             panel.yaxis.set_major_formatter(lambda value, _: _minus(f"{value:g}"))
         panel.annotate(_minus(f"{least:g}"), (1.01, least), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
@@ -289,7 +290,7 @@ def _count_along(panel: Axes, name: str) -> None:
     """Give a panel a logarithmic axis of counts, with plain numbers."""
     panel.set(xscale="log", xlabel=name)
     low, high = panel.get_xlim()
-    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 500.0 * low else (1.0,)))
+    panel.xaxis.set_major_locator(LogLocator(subs=STEPS if high < 500.0 * low else (1.0,)))
     panel.xaxis.set_major_formatter("{x:,g}")
     panel.xaxis.set_minor_formatter(NullFormatter())
 

@@ -81,14 +81,16 @@ def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
         return key, " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def reached(key: Key, curve: Sequence[Point]) -> str:
+def reached(key: Key, curve: Sequence[Point], task: Task) -> str:
     """Return a line on when a curve reached the thresholds of its task."""
-    cell = Cell(TASKS[key.task], [curve])
-    counts = [f"{value:g} after {shown(cell.until(value, 'episodes'))}" for value in cell.task.thresholds]
-    return f"{key.task} by {key.learner}, seed {key.seed}: episodes until a return of {', of '.join(counts)}"
+    cell = Cell(task, [curve])
+    counts = [f"of {value:g}: {shown(cell.until(value, 'episodes'))}" for value in task.thresholds]
+    return f"{key.task} by {key.learner}, seed {key.seed}: episodes until a return {', '.join(counts)}"
 
 
-def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], options: Namespace) -> int:
+def train_and_store(
+    learn: Learn, asked_for: Iterable[tuple[Key, Trial]], options: Namespace, known: Mapping[str, Task] = TASKS
+) -> int:
     """Train each curve once, store it when it is finished, and return the exit code."""
     work = list(dict(asked_for).items())
     options.curves.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +105,7 @@ def train_and_store(learn: Learn, asked_for: Iterable[tuple[Key, Trial]], option
             print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
         else:
             add_curves(options.curves, {key: result})
-            print(reached(key, result), flush=True)
+            print(reached(key, result, known[key.task]), flush=True)
     return FAILED if failed else 0
 
 

@@ -8,6 +8,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
 
 HERE = Path(__file__).parent
+PICTURE = re.compile(r' download=""( href="[^"]+\.png")')
 MODULES = re.compile(r"<!-- modules of (\S+) -->")
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
@@ -82,8 +83,14 @@ def entry(module: str) -> str:
     return f"## {name}\n\n```{{eval-rst}}\n.. automodule:: {module}\n   :members:\n   :show-inheritance:\n```\n"
 
 
+def show_pictures(app: Sphinx, page: str, template: str, context: dict[str, object], tree: object) -> None:
+    """Let links to pictures show them instead of saving them."""
+    context["body"] = PICTURE.sub(r"\1", str(context.get("body", "")))
+
+
 def setup(app: Sphinx) -> None:
     """Connect the hooks that check the page of settings and complete the pages of the API."""
     app.connect("source-read", add_modules)
     app.connect("builder-inited", check_settings)
+    app.connect("html-page-context", show_pictures)
     app.connect("autodoc-skip-member", is_skipped)

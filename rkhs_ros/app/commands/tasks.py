@@ -58,7 +58,7 @@ def run_check(options: argparse.Namespace) -> int:
     for problem in problems:
         print(f"mend: {problem}")
     if not settings and not problems:
-        print(f"the {'settings of the file' if is_file else 'defaults'} will do")
+        print(f"nothing to change in the {'settings of the file' if is_file else 'defaults'} was found")
     return 0
 
 

@@ -22,6 +22,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.runs.curve import Curve, has_events
 from rkhs_ros.runs.report import (
+    advice_in,
     begin,
     interruption_summary,
     is_started,
@@ -203,6 +204,9 @@ def _train_several(options: argparse.Namespace) -> int:
     done = [path for path in runs if path not in failures]
     if done:
         print(compare(done).curves[0].summary())
+        for path in done:
+            for line in advice_in(path):
+                print(f"{path.name}: {line}")
         print(f"Compare: rkhs compare {folder}")
     return FAILED if failures else 0
 

@@ -90,8 +90,10 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
         if path.is_file() and path.name != "config.yaml":
             path.unlink()
     before = times(finished)
+    (finished / "advice.txt").write_text("give a reward with a slope\n")
     result = rkhs("train", "--resume", "many", "--quiet", "--jobs", 1)
     assert (result.code, result.err) == (0, "")
+    assert "\nseed_1: give a reward with a slope\n" in result.out
     assert {path: results(path) for path in seed_folders(started_runs)} == whole
     assert times(finished) == before
     assert rkhs("train", "--resume", "many", "--iterations", 3, "--quiet", "--jobs", 1).code == 0
