@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtri
 
+from rkhs_ros.base.endings import deferred_signals
 from rkhs_ros.rkhs.evidence import LINEAR_SD, SMOOTH, Coefficients, Hyperprior, best_fit, features_of
 from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
 from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric
@@ -163,9 +164,7 @@ class Posterior:
         A low-discrepancy sequence represents the kernel better than random numbers, of which the interpolation between
         centres magnifies the errors.
         """
-        from scipy.stats.qmc import Sobol  # here, since the import takes half a second
-
-        return np.asarray(ndtri(Sobol(self.points.dimension, seed=0).random(WAVES)).T / self.bandwidth)
+        return np.asarray(ndtri(spread_points(WAVES, self.points.dimension, seed=0)).T / self.bandwidth)
 
     @cached_property
     def _interpolation(self) -> Array:
@@ -178,6 +177,14 @@ class Posterior:
         """The coefficients' axes as weights of 1, x and the kernel functions, one axis per column, shape (p, p)."""
         linear, kernel = np.split(self.coefficients.axes, [self.linear_size])
         return np.concatenate([LINEAR_SD * linear, self.basis.weights(kernel)])
+
+
+def spread_points(count: int, dimension: int, seed: int) -> Array:
+    """Return points of a Sobol sequence in the unit cube, shape (count, dimension)."""
+    with deferred_signals():  # SciPy loses an exception that a handler raises while it reads the direction numbers
+        from scipy.stats.qmc import Sobol  # here, since the import takes half a second
+
+        return np.asarray(Sobol(dimension, seed=seed).random(count))
 
 
 @dataclass(frozen=True)

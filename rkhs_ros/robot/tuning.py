@@ -12,7 +12,7 @@ from rkhs_ros.base.settings import Settings, build, build_section, setting
 from rkhs_ros.base.validation import hint, require
 from rkhs_ros.policies.streams import stream
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.rkhs.posterior import Posterior
+from rkhs_ros.rkhs.posterior import Posterior, spread_points
 from rkhs_ros.robot.sensors import Sensors
 from rkhs_ros.robot.task import Reward, sensors_from
 
@@ -132,9 +132,7 @@ def next_places(trials: Trials, context: Array, seed: int) -> tuple[Array, float
     """
     number, size = trials.places.shape
     if number < 2 * (size + 1):  # of at least as many spread points
-        from scipy.stats.qmc import Sobol  # here, since the import takes half a second
-
-        return np.asarray(2.0 * Sobol(size, seed=seed).random_base2(size + 1)[number] - 1.0), np.inf
+        return 2.0 * spread_points(2 ** (size + 1), size, seed)[number] - 1.0, np.inf
     posterior, candidates = _model(trials, context, stream(seed, "tuning", number))
     mean, sd = posterior.mean(candidates)[:, 0], np.maximum(posterior.sd(candidates)[:, 0], LEAST_SD)
     z = (mean - posterior.mean(trials.points).max()) / sd

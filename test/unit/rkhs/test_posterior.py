@@ -1,5 +1,8 @@
 """The posterior matches scikit-learn's Gaussian process and does not depend on units."""
 
+import json
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +15,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Wh
 
 from rkhs_ros.rkhs import metric_learning
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, LINEAR_SD, Hyperprior, features_of, regress
-from rkhs_ros.rkhs.posterior import Posterior
+from rkhs_ros.rkhs.posterior import Posterior, spread_points
 
 N, D = 200, 5
 FULL = BANDWIDTHS[:3]  # with these, all points of the tests become centres
@@ -171,6 +174,24 @@ def test_the_part_of_a_draw_outside_the_span_vanishes_at_the_centres(rng: np.ran
     assert is_centre.sum() == 30
     assert off[is_centre].max() < 1e-6
     assert np.median(off[~is_centre]) > 1e-3
+
+
+INTERRUPTED = """
+import signal, sys
+from rkhs_ros.rkhs.posterior import spread_points
+is_numbers = lambda event, values: event == "open" and "direction_numbers" in str(values[0])
+sys.addaudithook(lambda *its: signal.raise_signal(signal.SIGINT) if is_numbers(*its) else None)
+try:
+    spread_points(8, 3, seed=0)
+except KeyboardInterrupt:
+    print(spread_points(8, 3, seed=0).tolist())
+"""
+
+
+def test_ctrl_c_while_a_sequence_is_initialised_is_not_lost() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True)  # once per process
+    assert done.stderr == ""
+    assert json.loads(done.stdout) == spread_points(8, 3, seed=0).tolist()
 
 
 @pytest.mark.parametrize("centres", [1, 20])

@@ -89,8 +89,8 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     for path in missing.rglob("*"):
         if path.is_file() and path.name != "config.yaml":
             path.unlink()
-    before = times(finished)
     (finished / "advice.txt").write_text("give a reward with a slope\n")
+    before = times(finished)
     result = rkhs("train", "--resume", "many", "--quiet", "--jobs", 1)
     assert (result.code, result.err) == (0, "")
     assert "\nseed_1: give a reward with a slope\n" in result.out
