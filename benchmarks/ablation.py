@@ -44,7 +44,7 @@ VARYING = {"ball-on-beam": 10, "tanks": 10, "Pendulum-v1": 7, "Reacher-v5": 10, 
 EPISODES = {**ALIKE, **VARYING}
 NEVER = 10**9
 SCORES = {"episodes": "fewer episodes with it", "mean return": "higher returns with it"}
-QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200", "curves": Path("quick.csv")}
+QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200"}
 
 
 def _explorer(*its: Any) -> training_in_model.Trained:
@@ -176,7 +176,7 @@ def run(options: Namespace) -> int:
     curves = read_curves(options.curves)
     made = table(curves)
     print(made, end="")
-    if options.curves.resolve() == FILE.resolve():
+    if options.curves == FILE.resolve():
         (FILES / "table.csv").write_text(made)
         picture(curves).savefig(FILES / "parts.png", dpi=100)
     return code
@@ -199,7 +199,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
     for name, known, kind in ((options.tasks, EPISODES, "task"), (options.parts, PARTS, "part")):
         for each in name:
             pick(each, dict.fromkeys(known), kind)
-    options.seeds = parse_seeds(options.seeds)
+    options.seeds, options.curves = parse_seeds(options.seeds), options.curves.resolve()
     return options
 
 

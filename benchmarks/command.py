@@ -6,10 +6,15 @@ import sys
 import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from statistics import median
+from tempfile import mkdtemp
 from typing import Any
 
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
+from rkhs_ros.base.validation import require
+
+FILES = {"curves", "out"}  # options that name a file for the results
 
 
 def parser(description: str | None) -> ArgumentParser:
@@ -26,9 +31,18 @@ def parsed(command: ArgumentParser, arguments: Sequence[str] | None = None, **qu
         command: made by `parser`.
         arguments: the arguments; those of the process if None.
         quick: defaults that ``--quick`` uses instead of the parser's.
+
+    Raises:
+        ValueError: a file is given for the figures of ``--quick``.
     """
-    if command.parse_args(arguments).quick:
-        command.set_defaults(**quick)
+    options = command.parse_args(arguments)
+    if not options.quick:
+        return options
+    for file in FILES & vars(options).keys():
+        require(getattr(options, file) == command.get_default(file), "--quick", "no file for its figures", f"--{file}")
+    if hasattr(options, "curves"):
+        command.set_defaults(curves=Path(mkdtemp(), "curves.csv"))
+    command.set_defaults(**quick)
     return command.parse_args(arguments)
 
 

@@ -27,7 +27,7 @@ from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.runs.config import Config, load_config
 from rkhs_ros.studies.aggregates import Estimate, median_over_runs
 from rkhs_ros.studies.workers import run_parallel
-from trial import as_csv, median_until, rows_of
+from trial import as_csv, locked, median_until, rows_of
 
 CONFIGS = Path(__file__).parents[1] / "config"
 EVALUATION_EPISODES = 10
@@ -100,6 +100,13 @@ def text_of(results: Iterable[Result]) -> str:
 def read_results(path: Path) -> list[Result]:
     """Return the results in a file of `text_of`."""
     return rows_of(path, Result._fields, _row)
+
+
+def add_results(path: Path, results: Iterable[Result]) -> None:
+    """Add results to a file, instead of those of the same configurations and seeds."""
+    with locked(path):
+        found = {each[:2]: each for each in [*(read_results(path) if path.exists() else []), *results]}
+        write_whole(path, text_of(found.values()).encode())
 
 
 def _row(name: str, seed: str, episodes: str, *rest: str) -> Result:
@@ -198,23 +205,24 @@ def seeds_of(name: str) -> str:
 
 def main(options: Namespace) -> None:
     """Train what is requested, store each result, and print the tables."""
-    stored = read_results(options.out) if options.out and (options.tables or options.out.exists()) else []
     for name in options.names:
         thresholds_of(name)  # fails before the training rather than after it
     require(not options.tables or options.out is not None, "--tables", "--out with the file of the results", "none")
-    results, changes = {(each.name, each.seed): each for each in stored}, QUICK_CHANGES if options.quick else ()
+    changes = QUICK_CHANGES if options.quick else ()
     work = [
         (name, seed, changes)
         for name in ([] if options.tables else options.names or names())
         for seed in parse_seeds(options.seeds or seeds_of(name))
     ]
-    if options.out:
+    results: list[Result] = []
+    if options.out and not options.tables:
         options.out.parent.mkdir(parents=True, exist_ok=True)
+        add_results(options.out, [])  # fails before the training rather than after it
     for result in run_parallel(measure, work, jobs=options.jobs, title="runs", quiet=options.quick):
-        results[result.name, result.seed] = result
+        results.append(result)
         if options.out:
-            write_whole(options.out, text_of(results.values()).encode())
-    print(as_markdown(sorted(results.values())), end="")
+            add_results(options.out, [result])
+    print(as_markdown(sorted(read_results(options.out) if options.out else results)), end="")
 
 
 if __name__ == "__main__":

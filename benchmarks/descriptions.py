@@ -27,7 +27,7 @@ from trial import Curves, Key, Point, Trial, as_csv, read_curves
 
 FILES = RESULTS.parent / "descriptions"
 FILE = FILES / "curves.csv"
-QUICK = {"tasks": ["pendulum"], "descriptions": ["as-written"], "seeds": "300", "curves": Path("quick.csv")}
+QUICK = {"tasks": ["pendulum"], "descriptions": ["as-written"], "seeds": "300"}
 
 
 def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
@@ -79,7 +79,7 @@ def run(options: Namespace) -> int:
     code = tasks.train_and_store(learnt, missing, options, known)
     made = table(read_curves(options.curves))
     print(made, end="")
-    if options.curves.resolve() == FILE.resolve():
+    if options.curves == FILE.resolve():
         (FILES / "table.csv").write_text(made)
     return code
 
@@ -102,7 +102,7 @@ def options_of(arguments: Sequence[str] | None) -> Namespace:
         pick(each, SUBJECTS, "task")
     for each in options.descriptions:
         pick(each, DESCRIPTIONS, "description")
-    options.seeds = parse_seeds(options.seeds)
+    options.seeds, options.curves = parse_seeds(options.seeds), options.curves.resolve()
     return options
 
 

@@ -259,8 +259,11 @@ def rows_of(path: Path, head: Sequence[str], row: Callable[..., Row]) -> list[Ro
     Raises:
         ValueError: the file has another head, or ``row`` does not accept a line.
     """
-    with path.open(newline="") as file:
-        first, *lines = list(csv.reader(file)) or [[]]
+    try:
+        with path.open(newline="") as file:
+            first, *lines = list(csv.reader(file)) or [[]]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path}: expected a CSV file, got one that cannot be read: {error}") from None
     require(first == [*head], f"{path}", f"a first line {','.join(head)}", ",".join(first))
     rows = []
     for number, line in enumerate(lines, 2):
@@ -289,17 +292,24 @@ def _row(task: str, learner: str, seed: str, episodes: str, steps: str, *rest: s
     return Key(task, learner, int(seed)), Point(int(episodes), int(steps), *map(float, numbers), int(repeat))
 
 
-def add_curves(path: Path, curves: Curves) -> None:
-    """Add curves to a file, sorted by task, learner and seed; its folder is locked, since other processes add, too."""
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Lock the folder of a file while this process adds to the file, since others add, too."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def add_curves(path: Path, curves: Curves) -> None:
+    """Add curves to a file, sorted by task, learner and seed."""
+    with locked(path):
         lines = [
             (*key, *map(_text, point)) for key, its in sorted((read_curves(path) | curves).items()) for point in its
         ]
         write_whole(path, as_csv(HEAD, lines).encode())
-    finally:
-        os.close(folder)
 
 
 def _text(value: float) -> str:

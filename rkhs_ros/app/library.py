@@ -12,6 +12,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
 from numpy.typing import NDArray
 from yaml import YAMLError
 
@@ -144,7 +145,7 @@ def train(
     with closing(_results(environment, algorithm, quiet=not progress, **settings)) as results:
         for result in results:  # the last one is returned
             answer = callback(result) if callback else None
-            if answer is not None and not answer:
+            if isinstance(answer, (bool, np.bool_)) and not answer:
                 break
     if progress and result.iteration.number < result.training.iterations:
         print(f"stopped by the callback after iteration {result.iteration.number}", file=sys.stderr, flush=True)

@@ -19,8 +19,7 @@ BAD = 0.5  # error of a model that predicts the newest episodes badly; predictin
 TESTS = 4  # newest models to compare; any model fails in states that are new, and the first iteration has none to test
 ALIKE = 0.1  # relative gap of the two returns up to which a model is good, even if irrelevant columns have large errors
 SATURATED = 0.95  # share of actions at their bounds; good policies that switch between bounds have less
-MOST_RECENT = 256  # iterations that stay in memory, besides the first
-REWARD_PATIENCE = 3  # iterations without a change of the reward; fewer may just not have reached it
+FEW = 3  # iterations without a change of the reward, since fewer may just not have reached it, or of cut episodes
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,7 @@ class Summary:
         lowest_reward: lowest reward of a step.
         highest_reward: highest reward of a step.
         terminates: whether the task terminated an episode.
+        is_cut: whether the task truncated all exploration episodes before the horizon.
         saturated: share of the actions of the policy mean that are at or beyond a bound; nan without evaluation.
     """
 
@@ -62,6 +62,7 @@ class Summary:
     lowest_reward: float = -inf
     highest_reward: float = inf
     terminates: bool = False
+    is_cut: bool = False
     saturated: float = nan
 
 
@@ -87,7 +88,13 @@ def _gap(summary: Summary) -> float:
 def has_constant_reward(recent: Sequence[Summary]) -> bool:
     """Return whether all rewards so far are equal, and no episode was terminated, which would change the return."""
     lowest, highest = min(each.lowest_reward for each in recent), max(each.highest_reward for each in recent)
-    return len(recent) >= REWARD_PATIENCE and lowest == highest and not any(each.terminates for each in recent)
+    return len(recent) >= FEW and lowest == highest and not any(each.terminates for each in recent)
+
+
+def is_always_cut(recent: Sequence[Summary]) -> bool:
+    """Return whether the task truncated all newest episodes before the horizon, up to which the model plans."""
+    last = recent[-FEW:]
+    return len(last) == FEW and all(each.is_cut for each in last)
 
 
 def saturates(recent: Sequence[Summary]) -> bool:
@@ -107,6 +114,10 @@ SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
     (
         has_constant_reward,
         Advice("the reward has not changed so far", "a reward that rises towards the goal, or a larger horizon"),
+    ),
+    (
+        is_always_cut,
+        Advice("the task truncates all episodes before the horizon", "horizon=STEPS with their number of steps"),
     ),
     (
         saturates,
@@ -156,8 +167,6 @@ class Diagnosis:
     def advise(self, iteration: Iteration) -> Advice | None:
         """Return the advice for an iteration, None if there is none or it was given before."""
         self._recent.append(summary_of(iteration, self._spaces))
-        if len(self._recent) > MOST_RECENT:
-            del self._recent[1]
         advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
         self._given.add(str(advice))
         return advice
@@ -175,6 +184,7 @@ def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
         lowest_reward=float(rewards.min()),
         highest_reward=float(rewards.max()),
         terminates=bool(exploration.terminated.any() or evaluation.terminated.any()),
+        is_cut=not exploration.terminated.any() and bool(exploration.mask.sum(axis=1).max() < exploration.horizon),
         saturated=_saturated(evaluation, spaces),
     )
 

@@ -101,7 +101,7 @@ class FinalEvaluation:
         """Return both mean returns with their standard errors in one line."""
         count = f"in {len(self.best)} fresh episodes"
         if np.array_equal(self.last, self.best):
-            return f"best policy, which is the last one, {_mean(self.best)} {count}"
+            return f"best and last policy {_mean(self.best)} {count}"
         kept = "last" if self.last_is_better else "best"
         both = f"best policy {_mean(self.best)}, last policy {_mean(self.last)}"
         return f"{both} {count}; kept the {kept} policy"

@@ -19,5 +19,5 @@ def test_a_benchmark_runs_quickly(script: Path, tmp_path: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout
+    assert done.stdout.replace("nothing to train\n", "")
     assert "Traceback" not in done.stderr

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-from rkhs_ros.base.settings import variant
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic, critic_setting
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.function_spaces import Sparse
-from rkhs_ros.learning.algorithms.step_rules import STEP_RULES, KLStep, StepRule
 from rkhs_ros.policies.gaussian import GaussianPolicy
 
 
@@ -19,7 +17,6 @@ class RKHSAC(Sparse, ActorCritic):
     """
 
     critic: str = critic_setting("pursuit")
-    step: StepRule = variant(KLStep(), STEP_RULES, "rule")
 
     def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
         """Return the policy after one step along the plain gradient."""

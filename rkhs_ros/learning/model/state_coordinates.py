@@ -24,7 +24,7 @@ class StateCoordinates:
 
     Angles are periodic, modulo a full turn. A pair of columns whose observations lie on a circle about 0, such as a
     cosine and a sine, changes by a rotation: its angle replaces the change of the first column, and the change of the
-    second is 0. Predicted pairs therefore stay on the circle, where all observations lie.
+    second is 0. Predicted pairs therefore keep their distance from 0.
 
     Attributes:
         size: dimension d of an observation.

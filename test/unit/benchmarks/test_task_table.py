@@ -84,14 +84,14 @@ def test_a_profile_weighs_tasks_equally_and_never_counts_runs_that_did_not_end()
     assert found.high[3] == 1.0
 
 
-@pytest.mark.parametrize("text", ["my notes\n", "", ",".join(HEAD) + "\n<<<<<<< HEAD\n"])
+@pytest.mark.parametrize("text", ["my notes\n", "", "\xff\n", ",".join(HEAD) + "\n<<<<<<< HEAD\n"])
 def test_a_file_of_other_content_is_not_overwritten(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
 ) -> None:
-    (tmp_path / "mine.csv").write_text(text)
-    assert tasks.main(["--quick", "--curves", str(tmp_path / "mine.csv")]) == BAD_INPUT
+    (tmp_path / "mine.csv").write_text(text, encoding="latin-1")
+    assert tasks.main(["--curves", str(tmp_path / "mine.csv")]) == BAD_INPUT
     assert re.match(r"error: .*mine\.csv.*: expected .*, got .*\n$", capsys.readouterr().err)
-    assert (tmp_path / "mine.csv").read_text() == text
+    assert (tmp_path / "mine.csv").read_text(encoding="latin-1") == text
 
 
 @pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")

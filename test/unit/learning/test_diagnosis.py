@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import nan
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from rkhs_ros.learning.diagnosis import (
     advice_on,
     exploits_model,
     has_constant_reward,
+    is_always_cut,
     predicts_badly,
     saturates,
     summary_of,
@@ -52,6 +54,7 @@ def of_model(*values: float) -> list[Summary]:
 HEALTHY = [known(value, model_error=error) for value, error in zip(GOOD, ERRORS, strict=True)]
 BAD: list[tuple[Sign, list[Summary]]] = [
     (has_constant_reward, curve(3, highest_reward=0.0)),
+    (is_always_cut, curve(3, is_cut=True)),
     (saturates, curve(saturated=0.99)),
     (saturates, curve(5, saturated=0.99)),
     (saturates, [known(1.4, saturated=0.99 if each % 3 == 0 else nan) for each in range(15)]),  # evaluate_every=3
@@ -130,9 +133,17 @@ def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> No
     assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
     rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
     assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
-    assert not summary.terminates
+    assert (summary.terminates, summary.is_cut) == (False, False)
     wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
     assert summary_of(replace(last, evaluation=wide), spaces).saturated == 1.0
+
+
+def test_a_task_that_truncates_its_episodes_is_noticed() -> None:
+    def env() -> gymnasium.Env[np.ndarray, np.ndarray]:
+        return gymnasium.wrappers.TimeLimit(gymnasium.make("rkhs/Toy-v0"), 10)
+
+    runner = InlineRunner(Simulation(env))
+    assert [summary_of(each, runner.spaces).is_cut for each in train(TRAINING, runner)] == [True] * 3
 
 
 def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:

@@ -54,9 +54,7 @@ def test_the_mean_decides_and_the_line_shows_both_with_their_standard_errors() -
     assert str(FinalEvaluation(low, high)) == (
         "best policy 2 \u00b1 0.41, last policy 6 \u00b1 0.41 in 4 fresh episodes; kept the last policy"
     )
-    assert (
-        str(FinalEvaluation(low, low.copy())) == "best policy, which is the last one, 2 \u00b1 0.41 in 4 fresh episodes"
-    )
+    assert str(FinalEvaluation(low, low.copy())) == "best and last policy 2 \u00b1 0.41 in 4 fresh episodes"
 
 
 def test_the_better_policy_is_kept_and_a_longer_run_continues_as_if_nothing_had_been_decided(tmp_path: Path) -> None:
