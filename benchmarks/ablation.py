@@ -33,7 +33,7 @@ from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
 from rkhs_ros.studies.aggregates import Estimate
-from task_table import RESULTS, Cell, cells_of, compared, percents, shown
+from task_table import RESULTS, Cell, cells_of, mean_over_tasks, percents, shown
 from trial import TASKS, Curves, Key, Point, Trial, as_csv, read_curves
 
 FILES = RESULTS.parent / "ablation"
@@ -43,6 +43,7 @@ ALIKE = {"cart-pole": 8, "furuta": 8, "pendulum-clip": 3}  # tasks whose episode
 VARYING = {"ball-on-beam": 10, "tanks": 10, "Pendulum-v1": 7, "Reacher-v5": 10, "MountainCarContinuous-v0": 4}
 EPISODES = {**ALIKE, **VARYING}
 NEVER = 10**9
+Curve = list[Point]
 SCORES = {"episodes": "fewer episodes with it", "mean return": "higher returns with it"}
 QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200"}
 
@@ -124,15 +125,36 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                     yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
 
 
+def pairs_of(curves: Curves, part: str) -> dict[str, list[tuple[Curve, Curve]]]:
+    """Return, for each task, the curves of the same seeds with and without a part."""
+    found: dict[str, list[tuple[Curve, Curve]]] = {}
+    for key, without in curves.items():
+        if key.learner == part and (whole := curves.get(key._replace(learner=ALL))):
+            found.setdefault(key.task, []).append((whole, without))
+    return found
+
+
 def gains(curves: Curves, how: str) -> dict[str, Estimate]:
-    """Return, for each part, the probability over tasks that training with it has a better score, on the same seeds."""
+    """Return, for each part, the probability over tasks that a run with it has a better score than without it.
+
+    Runs of the same seed are compared, and equal scores count as half.
+    """
     found = {}
     for part in PARTS:
-        names = ALL, part
-        paired = [key for key in curves if all(key._replace(learner=name) in curves for name in names)]
-        if both := list(cells_of({key: curves[key] for key in paired}, names).values()):
-            found[part] = compared(both, ALL, part, how)
+        wins = []
+        for task, pairs in pairs_of(curves, part).items():
+            one, other = (Cell(TASKS[task], its).scores(how) for its in zip(*pairs, strict=True))
+            wins.append((one > other) + 0.5 * (one == other))
+        if wins:
+            found[part] = mean_over_tasks(wins)
     return found
+
+
+def same(curves: Curves, part: str) -> str:
+    """Return how many curves are the same with and without a part."""
+    pairs = [pair for its in pairs_of(curves, part).values() for pair in its]
+    alike = [[point[3:6] for point in whole] == [point[3:6] for point in without] for whole, without in pairs]
+    return f"{sum(alike)} of {len(alike)}"
 
 
 def table(curves: Curves) -> str:
@@ -142,8 +164,9 @@ def table(curves: Curves) -> str:
     found = [{part: percents(gain) for part, gain in gains(curves, how).items()} for how in SCORES]
     for part in (ALL, *PARTS):
         medians = [_median(cells.get(task, {}).get(part)) for task in EPISODES]
-        lines.append((part if part != ALL else "nothing", *(its.get(part, "") for its in found), *medians))
-    return as_csv(("without", *SCORES.values(), *EPISODES), lines)
+        name, alike = (part, same(curves, part)) if part != ALL else ("nothing", "")
+        lines.append((name, *(its.get(part, "") for its in found), alike, *medians))
+    return as_csv(("without", *SCORES.values(), "same curves", *EPISODES), lines)
 
 
 def _median(cell: Cell | None) -> str:

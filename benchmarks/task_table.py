@@ -235,12 +235,16 @@ def profile(counts: Sequence[Array], at: Array) -> Estimate:
 
     Given are the counts of the runs of each task, infinite for runs that did not end.
     """
-    within = [(each[:, None] <= at).astype(np.float64) for each in counts]
+    return mean_over_tasks([(each[:, None] <= at).astype(np.float64) for each in counts])
+
+
+def mean_over_tasks(samples: Sequence[Array]) -> Estimate:
+    """Return the mean over tasks of the means over their runs, the first axis."""
 
     def drawn(rng: np.random.Generator, each: Array) -> Array:
         return each[rng.integers(len(each), size=(RESAMPLES, len(each)))].mean(axis=1)
 
-    return _over_tasks([each.mean(axis=0) for each in within], within, drawn)
+    return _over_tasks([each.mean(axis=0) for each in samples], samples, drawn)
 
 
 def _over_tasks(
