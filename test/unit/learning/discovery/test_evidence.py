@@ -8,7 +8,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.discovery import discover_inputs
+from rkhs_ros.learning import discovery
+from rkhs_ros.learning.discovery import Evidence, discover_inputs
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -154,3 +155,20 @@ def test_a_history_and_an_angle_that_are_needed_are_kept(seed: int) -> None:
     late_cart = late(cart(seed))
     longer = Inputs(history=2)
     assert discover_inputs(longer, late_cart, spaces_of(late_cart), history=True, given=Inputs()) == longer
+
+
+@pytest.mark.parametrize(("gain", "from_one", "from_two"), [(110.0, 2, 2), (90.0, 1, 2), (55.0, 1, 2), (45.0, 1, 1)])
+def test_half_of_the_gain_that_adds_a_step_keeps_it(
+    monkeypatch: pytest.MonkeyPatch, gain: float, from_one: int, from_two: int
+) -> None:
+    monkeypatch.setattr(discovery, "_evidence", lambda its, *others: Evidence(gain * (its.history > 1), 100.0))
+    for before, after in ((1, from_one), (2, from_two)):
+        inputs = Inputs(history=before)
+        assert discover_inputs(inputs, cart(0), SPACES, history=True, given=Inputs()).history == after
+
+
+@pytest.mark.parametrize(("count", "steps", "gain"), [(1, 15, 20.0), (3, HORIZON, 450.0), (9, HORIZON, 1000.0)])
+def test_the_gain_that_adds_inputs_grows_with_the_predicted_numbers(count: int, steps: int, gain: float) -> None:
+    episodes = cart(0).take(np.arange(count) % COUNT)
+    episodes = replace(episodes, mask=episodes.mask & (np.arange(HORIZON) < steps))
+    assert discovery._evidence(Inputs(), episodes, SPACES).least_gain == gain

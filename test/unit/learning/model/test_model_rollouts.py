@@ -320,6 +320,18 @@ def test_columns_that_repeat_a_few_values_have_no_limits(rng: np.random.Generato
     assert model.at_limits(np.full((1, 2), 1e9)).tolist() == [[True, limited]]
 
 
+@pytest.mark.parametrize(("values", "limited"), [(9, False), (10, True)])
+def test_a_column_of_ten_values_has_limits(rng: np.random.Generator, values: int, limited: bool) -> None:
+    episodes = simulated_episodes(rng, rows=40)
+    places = episodes.observations.argsort(axis=None).argsort().reshape(episodes.observations.shape)
+    observations = np.where([True, False], episodes.observations, places % values)
+    final = np.where([True, False], episodes.final_observations, 0.0)
+    model = DynamicsModel.fit(
+        replace(episodes, observations=observations, final_observations=final), Inputs(), SPACES, 9
+    )
+    assert model.at_limits(np.full((1, 2), 1e9)).tolist() == [[True, limited]]
+
+
 def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator) -> None:
     inputs = Inputs(history=3, angles=(0.0,))
     episodes = simulated_episodes(rng, rows=40, ending=True)

@@ -60,6 +60,12 @@ def test_a_circle_has_ten_points_and_a_constant_radius(count: int, spread: float
     assert StateCoordinates.of(points).circles == (((0, 1),) if is_circle else ())
 
 
+@pytest.mark.parametrize(("spread", "is_circle"), [(3.3e-5, True), (4.8e-5, False)])
+def test_a_radius_is_constant_relative_to_the_part_of_a_circle(spread: float, is_circle: bool) -> None:
+    points = on_circle(np.linspace(-0.02, 0.02, 50) + np.pi / 2) * np.sqrt(1.0 + np.linspace(0.0, spread, 50))[:, None]
+    assert StateCoordinates.of(points).circles == (((0, 1),) if is_circle else ())
+
+
 @given(seed=st.integers(0, 1000))
 def test_add_inverts_difference(seed: int) -> None:
     rng = np.random.default_rng(seed)

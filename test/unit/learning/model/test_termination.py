@@ -64,19 +64,26 @@ def test_ends_that_no_single_feature_explains_are_explained_by_several() -> None
 
 @pytest.mark.parametrize("seed", range(3))
 def test_ends_within_the_range_of_the_others_are_learnt_by_a_regression(seed: int) -> None:
-    """Terminate within a disc, which no limit of a feature explains; use the square roots of balancing weights.
+    """Terminate within a disc, which no limit of a feature explains.
 
-    Balanced weights would end 8 % of the other steps, equal ones miss twice as many ends.
+    Equal weights of all steps miss more ends, and equal weights of both classes end more of the other steps.
     """
     rng = np.random.default_rng(seed)
     before, after = rng.uniform(-2.0, 2.0, (2, 2000, 2))
     ended = np.hypot(*after.T) < 0.5
-    fit = fit_termination(before, after, ended, CENTRES)
-    assert isinstance(fit, Posterior)
     new = rng.uniform(-2.0, 2.0, (2000, 2))
-    predicted, truth = fit.mean(new)[:, 0] > 0, np.hypot(*new.T) < 0.5
-    assert predicted[~truth].mean() < 0.055
-    assert (~predicted)[truth].mean() < 0.05
+    truth = np.hypot(*new.T) < 0.5
+
+    def errors(fit: Limits | Posterior | None) -> tuple[float, float]:
+        assert isinstance(fit, Posterior)
+        predicted = fit.mean(new)[:, 0] > 0
+        return float(predicted[~truth].mean()), float((~predicted)[truth].mean())
+
+    balanced = np.where(ended, 0.5 / ended.sum(), 0.5 / (~ended).sum()) * len(ended)
+    targets = np.where(ended, 1.0, -1.0)[:, None]
+    ends_others, misses = errors(fit_termination(before, after, ended, CENTRES))
+    assert ends_others < 0.03 < errors(Posterior.fit(after, targets, CENTRES, balanced))[0]
+    assert misses < 0.005 < errors(Posterior.fit(after, targets, CENTRES))[1]
 
 
 def test_if_every_step_is_terminal_every_observation_is() -> None:
