@@ -116,11 +116,12 @@ def learnt(key: Key, trial: Trial) -> tuple[Key, list[Point] | str]:
 
 
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
-    """Yield the missing curves, seed by seed."""
+    """Yield the missing curves, seed by seed, of the tasks whose packages are installed."""
+    asked_for = [task for task in options.tasks if not tasks.is_skipped(task, "ours")]
     for seed in options.seeds:
         for part in (ALL, *options.parts):
             for task in EPISODES if part == ALL else PARTS[part][1]:
-                if task in options.tasks and (key := Key(task, part, seed)) not in curves:
+                if task in asked_for and (key := Key(task, part, seed)) not in curves:
                     trial = tasks.trial_of(TASKS[task], "ours", seed)
                     yield key, replace(trial, episodes=2 if options.quick else EPISODES[task])
 

@@ -49,13 +49,20 @@ def trial_of(task: Task, learner: str, seed: int, repeat: int = 1) -> Trial:
     return Trial(config, budget, task.discounted, repeat, task.success)
 
 
+def is_skipped(task: str, learner: str) -> bool:
+    """Return whether packages of a task or a learner are missing, and report it."""
+    absent = missing((*TASKS[task].packages, *LEARNERS[learner].packages))
+    if absent:
+        print(f"skipped: {task} by {learner}: expected {', '.join(absent)} to be installed", file=sys.stderr)
+    return bool(absent)
+
+
 def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
     """Yield the missing curves whose packages are installed, and report the others."""
     for task in options.tasks:
         for learner in options.learners:
             chosen, repeat = LEARNERS[learner], repeat_of(curves, task)
-            if absent := missing((*TASKS[task].packages, *chosen.packages)):
-                print(f"skipped: {task} by {learner}: expected {', '.join(absent)} to be installed", file=sys.stderr)
+            if is_skipped(task, learner):
                 continue
             if chosen.holds_actions and (repeat is None or repeat == 1):
                 why = "ours to be run first" if repeat is None else "an action repeat other than 1"
