@@ -8,6 +8,7 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
+import csv
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
@@ -22,11 +23,13 @@ from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.validation import pick
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
-from task_table import RESULTS, Cell
+from task_table import PAGE, RESULTS, Cell, page_with
 from trial import Curves, Key, Point, Trial, as_csv, read_curves
 
 FILES = RESULTS.parent / "descriptions"
-FILE = FILES / "curves.csv"
+FILE, TABLE = FILES / "curves.csv", FILES / "table.csv"
+BEGIN = "<!-- made by benchmarks/descriptions.py -->\n"
+HEAD = ("task", "description", "runs", "reached", "episodes", "last return")
 QUICK = {"tasks": ["pendulum"], "descriptions": ["as-written"], "seeds": "300"}
 
 
@@ -66,13 +69,29 @@ def table(curves: Curves) -> str:
                 until, last = cell.counts(subject.written.thresholds[0], "episodes"), cell.scores("return")
                 reached = int(np.isfinite(until).sum())
                 lines.append((task, how, len(its), reached, f"{np.median(until):g}", f"{np.median(last):.4g}"))
-    return as_csv(("task", "description", "runs", "reached", "episodes", "last return"), lines)
+    return as_csv(HEAD, lines)
+
+
+def summary(made: str) -> str:
+    """Return a table in Markdown of one in CSV, with the tasks side by side."""
+    found = {(line[0], line[1]): line[2:] for line in csv.reader(made.splitlines()[1:])}
+    names = [f"`{task}`, {subject.written.thresholds[0]:g} | At the end" for task, subject in SUBJECTS.items()]
+    lines = [f"| Description | {' | '.join(names)} |", "|---" * (1 + 2 * len(names)) + "|"]
+    for how in DESCRIPTIONS:
+        cells = [_shown(*found[task, how]) if (task, how) in found else "- | -" for task in SUBJECTS]
+        lines.append(f"| {how} | {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def _shown(runs: str, reached: str, episodes: str, last: str) -> str:
+    number = "never" if episodes == "inf" else episodes
+    return f"{number}{'' if reached == runs else f' ({reached} of {runs})'} | {float(last):.1f}"
 
 
 def run(options: Namespace) -> int:
     """Train the missing curves, store each, and print the table; return the exit code.
 
-    The table of the page is made of its own curves alone.
+    The table and that of the page are made of its own curves alone.
     """
     missing = asked(options, read_curves(options.curves))
     known = {name: subject.written for name, subject in SUBJECTS.items()}
@@ -80,7 +99,9 @@ def run(options: Namespace) -> int:
     made = table(read_curves(options.curves))
     print(made, end="")
     if options.curves == FILE.resolve():
-        (FILES / "table.csv").write_text(made)
+        page = page_with(summary(made), BEGIN)
+        TABLE.write_text(made)
+        PAGE.write_text(page)
     return code
 
 

@@ -344,7 +344,7 @@ def make_table(curves: Curves) -> None:
         figure.savefig(RESULTS / f"{name}.png", dpi=100)
 
 
-def page_with(summary: str) -> str:
+def page_with(summary: str, begin: str = BEGIN) -> str:
     """Return the page with a summary in place of its own."""
-    before, rest = PAGE.read_text().split(BEGIN)
-    return before + BEGIN + "\n" + summary + "\n" + END + rest.split(END)[1]
+    before, rest = PAGE.read_text().split(begin)
+    return before + begin + "\n" + summary + "\n" + END + rest.split(END, 1)[1]
