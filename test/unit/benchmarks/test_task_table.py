@@ -4,6 +4,7 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +12,8 @@ from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
 import ablation
+import described
+import descriptions
 import task_table
 import tasks
 from rkhs_ros.base.endings import BAD_INPUT
@@ -114,6 +117,29 @@ def test_table_and_page_are_those_of_the_stored_curves() -> None:
 @pytest.mark.filterwarnings("ignore::scipy.stats.DegenerateDataWarning")
 def test_the_table_of_the_ablation_is_that_of_its_stored_curves() -> None:
     assert (ablation.FILES / "table.csv").read_text() == ablation.table(read_curves(ablation.FILE))
+
+
+def test_the_tables_of_the_descriptions_are_those_of_their_stored_curves() -> None:
+    made = descriptions.table(read_curves(descriptions.FILE))
+    assert descriptions.TABLE.read_text() == made
+    page = task_table.PAGE.read_text()
+    assert page == task_table.page_with(descriptions.summary(made), descriptions.BEGIN)
+
+
+@pytest.mark.parametrize("task", described.SUBJECTS)
+def test_a_description_changes_neither_the_physics_nor_the_reward(task: str) -> None:
+    subject, rewards = described.SUBJECTS[task], {}
+    for name, how in described.DESCRIPTIONS.items():
+        if how.applies(subject) and not how.rate:
+            env = gymnasium.make(described.name_of(task, name))
+            assert env.reset(seed=7)[0] in env.observation_space
+            actions = np.linspace(-1.0, 1.0, subject.steps)[:, None]
+            steps = [env.step(each) for each in actions]
+            assert [each[3] for each in steps] == [False] * (subject.steps - 1) + [True]
+            rewards[name] = [(float(each[1]) - how.offset) / how.factor for each in steps]
+    assert len(rewards) == 15
+    for each in rewards.values():
+        np.testing.assert_allclose(each, rewards["as-written"], rtol=1e-9)
 
 
 def test_a_part_is_judged_on_the_seeds_that_ran_with_it_and_without_it() -> None:
