@@ -10,10 +10,10 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from pathlib import Path
+from operator import attrgetter
 from typing import Any
 from unittest.mock import patch
 
@@ -21,9 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tasks
-from command import ended, parsed, parser
-from rkhs_ros.app.study import add_jobs_argument, parse_seeds
-from rkhs_ros.base.validation import pick
+from command import ended, parser
 from rkhs_ros.learning import training
 from rkhs_ros.learning.model import dynamics_model, model_rollouts, rewards, termination
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
@@ -33,7 +31,7 @@ from rkhs_ros.learning.model_based.validation import PATIENCE, Validation
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.rkhs.evidence import BANDWIDTHS, SMOOTH
 from rkhs_ros.studies.aggregates import Estimate
-from task_table import RESULTS, Cell, cells_of, mean_over_tasks, percents, shown
+from task_table import RESULTS, Cell, cells_of, mean_over_tasks, percents
 from trial import TASKS, Curves, Key, Point, Trial, as_csv, read_curves
 
 FILES = RESULTS.parent / "ablation"
@@ -44,6 +42,7 @@ VARYING = {"ball-on-beam": 10, "tanks": 10, "Pendulum-v1": 7, "Reacher-v5": 10, 
 EPISODES = {**ALIKE, **VARYING}
 NEVER = 10**9
 Curve = list[Point]
+RETURNS = attrgetter("undiscounted_return", "discounted_return", "least_return")
 SCORES = {"episodes": "fewer episodes with it", "mean return": "higher returns with it"}
 QUICK = {"tasks": ["pendulum-clip"], "parts": ["walls"], "seeds": "200"}
 
@@ -154,7 +153,7 @@ def gains(curves: Curves, how: str) -> dict[str, Estimate]:
 def same(curves: Curves, part: str) -> str:
     """Return how many curves are the same with and without a part."""
     pairs = [pair for its in pairs_of(curves, part).values() for pair in its]
-    alike = [[point[3:6] for point in whole] == [point[3:6] for point in without] for whole, without in pairs]
+    alike = [[*map(RETURNS, whole)] == [*map(RETURNS, without)] for whole, without in pairs]
     return f"{sum(alike)} of {len(alike)}"
 
 
@@ -172,10 +171,7 @@ def table(curves: Curves) -> str:
 
 def _median(cell: Cell | None) -> str:
     """Return the median episodes until the first threshold, and the number of seeds, of a cell if there is one."""
-    if cell is None:
-        return ""
-    until = cell.until(cell.task.thresholds[0], "episodes")
-    return f"{shown(until._replace(low=np.nan))} ({len(cell.curves)})"
+    return f"{cell.median()} ({len(cell.curves)})" if cell else ""
 
 
 def picture(curves: Curves) -> Figure:
@@ -206,30 +202,11 @@ def run(options: Namespace) -> int:
     return code
 
 
-def options_of(arguments: Sequence[str] | None) -> Namespace:
-    """Parse the options.
-
-    Raises:
-        ValueError: a name is unknown, or the seeds are no numbers.
-    """
-    command = parser(__doc__)
-    command.add_argument("--tasks", nargs="+", default=list(EPISODES), help="default: all")
-    command.add_argument("--parts", nargs="+", default=list(PARTS), help="parts to remove; default: each")
-    command.add_argument("--seeds", default="200-204", help="such as 200-204 or 200,202; default: 200-204")
-    command.add_argument("--curves", type=Path, default=FILE, help="file of the curves")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
-    add_jobs_argument(command)
-    options = parsed(command, arguments, **QUICK)
-    for name, known, kind in ((options.tasks, EPISODES, "task"), (options.parts, PARTS, "part")):
-        for each in name:
-            pick(each, dict.fromkeys(known), kind)
-    options.seeds, options.curves = parse_seeds(options.seeds), options.curves.resolve()
-    return options
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    return ended(lambda: run(options_of(arguments)))
+    choices: dict[str, Mapping[str, Any]] = {"tasks": EPISODES, "parts": PARTS}
+    how: dict[str, Any] = {"seeds": "200-204", "curves": FILE, "quick": QUICK}
+    return ended(lambda: run(tasks.options_of(parser(__doc__), arguments, choices, **how)))
 
 
 if __name__ == "__main__":

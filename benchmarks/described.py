@@ -15,6 +15,7 @@ from gymnasium.spaces import Box
 from gymnasium.wrappers import TransformAction, TransformReward
 
 from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rollouts.environments import time_limit
 from sim_nodes.envs.lever_stafford import HIGH, LOW, Pendulum
 from sim_nodes.envs.vector_task import SingleTask, clip, wrapped
 from trial import Task
@@ -73,7 +74,6 @@ class Subject:
     Attributes:
         make: function from the steps per second to an environment without a time limit.
         written: threshold and steps per second of the task as written, and the episodes of a run.
-        steps: steps of an episode as written.
         spread: typical standard deviation of each observation column while the task is learnt.
         angle: columns of the angle, or of its cosine and sine.
         turning: column of the angular velocity.
@@ -82,11 +82,15 @@ class Subject:
 
     make: Callable[[int], AnyEnv]
     written: Task
-    steps: int
     spread: tuple[float, ...]
     angle: tuple[int, ...]
     turning: int
     velocities: tuple[int, ...]
+
+    @property
+    def steps(self) -> int:
+        """Steps of an episode as written."""
+        return time_limit(self.written.environment) or 0
 
     @property
     def columns(self) -> range:
@@ -101,12 +105,11 @@ class Subject:
 
 SUBJECTS = {
     "pendulum": Subject(
-        _pendulum, Task("rkhs/Pendulum-v0", (80.0,), 10, 8), 100, (1.8, 2.0), angle=(0,), turning=1, velocities=(1,)
+        _pendulum, Task("rkhs/Pendulum-v0", (80.0,), 10, 8), (1.8, 2.0), angle=(0,), turning=1, velocities=(1,)
     ),
     "cart-pole": Subject(
         _cart_pole,
         Task("rkhs/CartPoleSwingUp-v0", (45.0,), 20, 12),
-        60,
         (0.4, 1.2, 0.7, 0.7, 4.0),
         angle=(2, 3),
         turning=4,

@@ -8,19 +8,16 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import csv
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import tasks
-from command import ended, parsed, parser
+from command import ended, parser
 from described import DESCRIPTIONS, SUBJECTS, name_of
-from rkhs_ros.app.study import add_jobs_argument, parse_seeds
-from rkhs_ros.base.validation import pick
 from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
 from task_table import PAGE, RESULTS, Cell, page_with
@@ -29,7 +26,6 @@ from trial import Curves, Key, Point, Trial, as_csv, read_curves
 FILES = RESULTS.parent / "descriptions"
 FILE, TABLE = FILES / "curves.csv", FILES / "table.csv"
 BEGIN = "<!-- made by benchmarks/descriptions.py -->\n"
-HEAD = ("task", "description", "runs", "reached", "episodes", "last return")
 QUICK = {"tasks": ["pendulum"], "descriptions": ["as-written"], "seeds": "300"}
 
 
@@ -59,33 +55,59 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
                     yield key, Trial(config_for(name, time_limit(name), changes), episodes)
 
 
-def table(curves: Curves) -> str:
-    """Return, as CSV, the episodes until the threshold and the last return of each description: medians."""
+class Line(NamedTuple):
+    """The runs with one description of a task, medians.
+
+    Attributes:
+        task: name of the task.
+        description: name of the description.
+        runs: number of runs.
+        reached: number of those that reached the threshold.
+        episodes: episodes until the threshold, as text.
+        last_return: return at the end.
+    """
+
+    task: str
+    description: str
+    runs: int
+    reached: int
+    episodes: str
+    last_return: float
+
+
+def lines_of(curves: Curves) -> list[Line]:
+    """Return the lines of the tables."""
     lines = []
     for task, subject in SUBJECTS.items():
         for how in DESCRIPTIONS:
             if its := [curve for key, curve in curves.items() if key[:2] == (task, how)]:
                 cell = Cell(subject.written, its)
-                until, last = cell.counts(subject.written.thresholds[0], "episodes"), cell.scores("return")
-                reached = int(np.isfinite(until).sum())
-                lines.append((task, how, len(its), reached, f"{np.median(until):g}", f"{np.median(last):.4g}"))
-    return as_csv(HEAD, lines)
+                reached = sum(at is not None for at in cell.first(subject.written.thresholds[0]))
+                lines.append(Line(task, how, len(its), reached, cell.median(), float(np.median(cell.scores("return")))))
+    return lines
 
 
-def summary(made: str) -> str:
-    """Return a table in Markdown of one in CSV, with the tasks side by side."""
-    found = {(line[0], line[1]): line[2:] for line in csv.reader(made.splitlines()[1:])}
+def table(lines: Sequence[Line]) -> str:
+    """Return the table as CSV."""
+    return as_csv(
+        [name.replace("_", " ") for name in Line._fields],
+        (line._replace(last_return=f"{line.last_return:.4g}") for line in lines),
+    )
+
+
+def summary(lines: Sequence[Line]) -> str:
+    """Return the table in Markdown, with the tasks side by side."""
     names = [f"`{task}`, {subject.written.thresholds[0]:g} | At the end" for task, subject in SUBJECTS.items()]
-    lines = [f"| Description | {' | '.join(names)} |", "|---" * (1 + 2 * len(names)) + "|"]
+    rows = [f"| Description | {' | '.join(names)} |", "|---" * (1 + 2 * len(names)) + "|"]
+    found = {line[:2]: _shown(line) for line in lines}
     for how in DESCRIPTIONS:
-        cells = [_shown(*found[task, how]) if (task, how) in found else "- | -" for task in SUBJECTS]
-        lines.append(f"| {how} | {' | '.join(cells)} |")
-    return "\n".join([*lines, ""])
+        rows.append(f"| {how} | {' | '.join(found.get((task, how), '- | -') for task in SUBJECTS)} |")
+    return "\n".join([*rows, ""])
 
 
-def _shown(runs: str, reached: str, episodes: str, last: str) -> str:
-    number = "never" if episodes == "inf" else episodes
-    return f"{number}{'' if reached == runs else f' ({reached} of {runs})'} | {float(last):.1f}"
+def _shown(line: Line) -> str:
+    some = "" if line.reached == line.runs else f" ({line.reached} of {line.runs})"
+    return f"{line.episodes}{some} | {line.last_return:.1f}"
 
 
 def run(options: Namespace) -> int:
@@ -96,40 +118,20 @@ def run(options: Namespace) -> int:
     missing = asked(options, read_curves(options.curves))
     known = {name: subject.written for name, subject in SUBJECTS.items()}
     code = tasks.train_and_store(learnt, missing, options, known)
-    made = table(read_curves(options.curves))
-    print(made, end="")
+    lines = lines_of(read_curves(options.curves))
+    print(table(lines), end="")
     if options.curves == FILE.resolve():
-        page = page_with(summary(made), BEGIN)
-        TABLE.write_text(made)
+        page = page_with(summary(lines), BEGIN)
+        TABLE.write_text(table(lines))
         PAGE.write_text(page)
     return code
 
 
-def options_of(arguments: Sequence[str] | None) -> Namespace:
-    """Parse the options.
-
-    Raises:
-        ValueError: a name is unknown, or the seeds are no numbers.
-    """
-    command = parser(__doc__)
-    for kind, known in (("tasks", SUBJECTS), ("descriptions", DESCRIPTIONS)):
-        command.add_argument(f"--{kind}", nargs="+", default=list(known), help="default: all, " + ", ".join(known))
-    command.add_argument("--seeds", default="300-302", help="such as 300-304 or 300,302; default: 300-302")
-    command.add_argument("--curves", type=Path, default=FILE, help="file of the curves")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
-    add_jobs_argument(command)
-    options = parsed(command, arguments, **QUICK)
-    for each in options.tasks:
-        pick(each, SUBJECTS, "task")
-    for each in options.descriptions:
-        pick(each, DESCRIPTIONS, "description")
-    options.seeds, options.curves = parse_seeds(options.seeds), options.curves.resolve()
-    return options
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    return ended(lambda: run(options_of(arguments)))
+    choices: dict[str, Mapping[str, Any]] = {"tasks": SUBJECTS, "descriptions": DESCRIPTIONS}
+    how: dict[str, Any] = {"seeds": "300-302", "curves": FILE, "quick": QUICK}
+    return ended(lambda: run(tasks.options_of(parser(__doc__), arguments, choices, **how)))
 
 
 if __name__ == "__main__":

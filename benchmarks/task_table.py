@@ -49,6 +49,10 @@ class Cell(NamedTuple):
         """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
         return median_until(self.counts(threshold, measure))
 
+    def median(self) -> str:
+        """Return the median episodes until the first threshold, without its interval."""
+        return shown(self.until(self.task.thresholds[0], "episodes")._replace(low=np.nan))
+
     def counts(self, threshold: float, measure: str) -> Array:
         """Return the ``episodes`` or ``steps`` of each curve until a threshold; infinite where it is not reached."""
         counts = [

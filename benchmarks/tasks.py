@@ -9,7 +9,7 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -132,31 +132,47 @@ def run(options: Namespace) -> int:
     return train_and_store(learnt, asked(options, curves), options)
 
 
-def options_of(arguments: Sequence[str] | None) -> Namespace:
-    """Parse the options.
+def options_of(
+    command: ArgumentParser,
+    arguments: Sequence[str] | None,
+    choices: Mapping[str, Mapping[str, Any]],
+    *,
+    seeds: str,
+    curves: Path,
+    quick: Mapping[str, Any],
+) -> Namespace:
+    """Declare and parse the options of a command that stores curves.
+
+    Args:
+        command: made by `parser`.
+        arguments: the arguments; those of the process if None.
+        choices: what can be chosen, by the option's name in the plural; the default is all.
+        seeds: the default.
+        curves: the default.
+        quick: defaults that ``--quick`` uses instead.
 
     Raises:
         ValueError: a name is unknown, or the seeds are no numbers.
     """
-    command = parser("How many episodes learners need on a table of tasks.")
-    for kind, table in TABLES.items():
-        command.add_argument(f"--{kind}", nargs="+", default=list(table), help="default: all, " + ", ".join(table))
-    command.add_argument("--seeds", default="0-4", help="such as 0-9 or 0,2,5; default: 0-4")
-    command.add_argument("--curves", type=Path, default=CURVES, help="file of the curves; default: that of the page")
-    command.add_argument("--table", action="store_true", help="train nothing; make table, page and pictures")
+    for kind, known in choices.items():
+        command.add_argument(f"--{kind}", nargs="+", default=list(known), help="default: all, " + ", ".join(known))
+    command.add_argument("--seeds", default=seeds, help=f"such as 0-9 or 0,2,5; default: {seeds}")
+    command.add_argument("--curves", type=Path, default=curves, help="file of the curves; default: that of the page")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     add_jobs_argument(command)
-    options = parsed(command, arguments, **QUICK)
-    for kind, table in TABLES.items():
+    options = parsed(command, arguments, **quick)
+    for kind, known in choices.items():
         for name in getattr(options, kind):
-            pick(name, table, kind.removesuffix("s"))
+            pick(name, known, kind.removesuffix("s"))
     options.seeds, options.curves = parse_seeds(options.seeds), options.curves.resolve()
     return options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    return ended(lambda: run(options_of(arguments)))
+    command = parser("How many episodes learners need on a table of tasks.")
+    command.add_argument("--table", action="store_true", help="train nothing; make table, page and pictures")
+    return ended(lambda: run(options_of(command, arguments, TABLES, seeds="0-4", curves=CURVES, quick=QUICK)))
 
 
 if __name__ == "__main__":

@@ -27,10 +27,9 @@ from rkhs_ros.studies.comparison import Comparison, LearningCurve
 
 MOST_ATTEMPTS = 10_000  # newest ones, which are drawn
 FORMATS = (".png", ".pdf", ".svg")  # of a comparison
-MARKER_SPACING = 0.15  # relative to the plot's diagonal, of more points than
-MARKED = 20
 SIZE_IN, DPI = (4.8, 3.2), 200  # of a comparison, without the legend beside it
-FEW = 30  # iterations up to which the points are marked
+FEW = 30  # iterations up to which all points are marked
+MARKER_SPACING = 0.15  # of more points in a comparison, relative to the plot's diagonal
 Columns = Mapping[str, NDArray[Any]]  # of a learning curve, by name
 NO_OTHERS: Mapping[str, Columns] = {}
 
@@ -155,7 +154,7 @@ def _draw_curve(axes: Axes, curve: LearningCurve, style: str, colour: str, marke
     name = curve.label if curve.is_evaluation else f"{curve.label} (exploration)"
     axes.fill_between(curve.episodes, low, high, color=colour, alpha=0.18, linewidth=0)
     (line,) = axes.plot(curve.episodes, mean, style, color=colour, linewidth=1.5, label=name)
-    line.set(marker=marker, markevery=MARKER_SPACING if len(mean) > MARKED else None, markersize=4.5)
+    line.set(marker=marker, markevery=MARKER_SPACING if len(mean) > FEW else None, markersize=4.5)
 
 
 def _draw_optimum(axes: Axes, task: Task) -> None:

@@ -120,10 +120,10 @@ def test_the_table_of_the_ablation_is_that_of_its_stored_curves() -> None:
 
 
 def test_the_tables_of_the_descriptions_are_those_of_their_stored_curves() -> None:
-    made = descriptions.table(read_curves(descriptions.FILE))
-    assert descriptions.TABLE.read_text() == made
+    lines = descriptions.lines_of(read_curves(descriptions.FILE))
+    assert descriptions.TABLE.read_text() == descriptions.table(lines)
     page = task_table.PAGE.read_text()
-    assert page == task_table.page_with(descriptions.summary(made), descriptions.BEGIN)
+    assert page == task_table.page_with(descriptions.summary(lines), descriptions.BEGIN)
 
 
 @pytest.mark.parametrize("task", described.SUBJECTS)
