@@ -1,7 +1,7 @@
 """Measure the returns of the configurations in ``config/`` on held-out seeds, and the episodes to thresholds.
 
 No setting was chosen on the seeds from 100 on, which the documentation uses. Episodes count until the evaluation
-return, the mean of 10 evaluation episodes after an update, first passes a threshold.
+return, the mean of 10 evaluation episodes after an update, first reaches a threshold.
 """
 
 import os
@@ -47,7 +47,7 @@ class Result(NamedTuple):
         seed: seed of the run.
         episodes: total number of exploration episodes.
         evaluation_return: discounted evaluation return at the end.
-        until_first: exploration episodes until the evaluation return first passed the task's first threshold; infinite
+        until_first: exploration episodes until the evaluation return first reached the task's first threshold; infinite
             if it never did.
         until_second: the same for the second threshold.
     """
@@ -87,7 +87,7 @@ def learnt(config: Config) -> Iterator[tuple[int, float]]:
 def result_of(name: str, seed: int, thresholds: Sequence[float], curve: Curve) -> Result:
     """Return the result of a learning curve."""
     episodes, returns = np.array(list(curve), dtype=float).T
-    first, second = (float(min(episodes[returns > each], default=np.inf)) for each in thresholds)
+    first, second = (float(min(episodes[returns >= each], default=np.inf)) for each in thresholds)
     return Result(name, seed, int(episodes[-1]), float(returns[-1]), first, second)
 
 

@@ -25,7 +25,8 @@ from rkhs_ros.rollouts.environments import time_limit
 from rkhs_ros.runs.config import config_for
 from rkhs_ros.studies.workers import run_parallel
 from task_learners import LEARNERS, missing
-from task_table import RESULTS, Cell, cells_of, make_table, shown, summary
+from task_pictures import draw
+from task_table import PAGE, RESULTS, TABLE, Cell, cells_of, page_with, shown, summary, text_of_table
 from trial import TASKS, Curves, Key, Point, Task, Trial, add_curves, read_curves
 
 CURVES = RESULTS / "curves.csv"
@@ -114,6 +115,16 @@ def train_and_store(
             add_curves(options.curves, {key: result})
             print(reached(key, result, known[key.task]), flush=True)
     return FAILED if failed else 0
+
+
+def make_table(curves: Curves) -> None:
+    """Write the table, the part of the page, and the pictures."""
+    cells = cells_of(curves)
+    table, page, pictures = text_of_table(cells), page_with(summary(cells)), draw(cells)
+    TABLE.write_text(table)  # now that all can be made
+    PAGE.write_text(page)
+    for name, figure in pictures.items():
+        figure.savefig(RESULTS / f"{name}.png", dpi=100)
 
 
 def run(options: Namespace) -> int:

@@ -20,9 +20,9 @@ def median(name: str) -> str:
     return " / ".join(f"{each.value:g}" for each in summaries(read_results(FILE))[name].until)
 
 
-def test_episodes_are_counted_until_a_return_is_above_a_threshold() -> None:
+def test_episodes_are_counted_until_a_return_reaches_a_threshold() -> None:
     curve = [(5, 44.0), (10, 45.0), (15, 45.1), (20, 30.0), (25, 49.0)]
-    assert result_of("a", 100, (45.0, 50.0), curve) == Result("a", 100, 25, 49.0, 15.0, math.inf)
+    assert result_of("a", 100, (45.0, 50.0), curve) == Result("a", 100, 25, 49.0, 10.0, math.inf)
 
 
 def test_seeds_that_never_reach_a_threshold_are_counted() -> None:
