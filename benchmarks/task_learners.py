@@ -27,6 +27,7 @@ from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Linear
+from rkhs_ros.rollouts.env_batch import reset_to
 from trial import Meter, MeteredRunner, Point, Trial
 
 FIRST_SD = 0.5  # initial standard deviation of the weights in CMA-ES
@@ -154,7 +155,6 @@ def deep_learning(name: str, trial: Trial) -> list[Point]:
     import_module("torch").set_num_threads(1)
     training, budget = trial.config.training, trial.episodes
     meter, evaluated, points, env = Meter(trial), world(trial), list[Point](), world(trial)
-    seeds = [seed % 2**32 for seed in trial.evaluation.environment_seeds()]  # dm_control accepts no others
     model = getattr(import_module(MODULES[name]), name)("MlpPolicy", env, seed=training.seed, device="cpu")
 
     def after_step(variables: dict[str, Any], _: dict[str, Any]) -> bool:
@@ -162,7 +162,7 @@ def deep_learning(name: str, trial: Trial) -> list[Point]:
             meter.episodes, meter.steps = meter.episodes + 1, env.total
             if meter.episodes % EVALUATED_EVERY == 0 or meter.episodes == budget:
                 with meter.paused():
-                    episodes = [_episode(model, evaluated, seed) for seed in seeds]
+                    episodes = [_episode(model, evaluated, seed) for seed in trial.evaluation.environment_seeds()]
                 rewards, observations = (np.array(each) for each in zip(*episodes, strict=True))
                 points.append(meter.point(rewards, observations, trial.repeat))
         return meter.episodes < budget
@@ -173,7 +173,7 @@ def deep_learning(name: str, trial: Trial) -> list[Point]:
 
 def _episode(model: Any, env: SeenThrough, seed: int) -> tuple[Array, Array]:
     """Return the rewards and observations of an evaluation episode, shapes (horizon,) and (horizon, d)."""
-    over, (observation, _) = False, env.reset(seed=seed)
+    over, observation = False, reset_to(env, seed)
     while not over:
         action, _ = model.predict(observation, deterministic=True)
         observation, _, terminated, truncated, _ = env.step(action)

@@ -83,7 +83,7 @@ class SeparateEnvs:
         """Reset one environment per seed; return the observations, shape (num_envs, d)."""
         first: list[Array] = []
         for self.current, seed in enumerate(seeds):
-            first.append(self._real(_reset(self._copies[self.current], seed)))
+            first.append(self._real(reset_to(self._copies[self.current], seed)))
         self._observations = np.stack(first)
         return self._observations.copy()
 
@@ -199,8 +199,8 @@ class VectorEnvBatch:
 EnvBatch = SeparateEnvs | VectorEnvBatch
 
 
-def _reset(env: AnyEnv, seed: int) -> Any:
-    """Reset an environment; return its observation.
+def reset_to(env: AnyEnv, seed: int) -> Any:
+    """Reset an environment to the start that a seed determines; return its observation.
 
     An environment that rejects the seed gets its last 32 bits, because the seeds of `numpy.random.RandomState`, which
     for example dm_control uses, have no more.

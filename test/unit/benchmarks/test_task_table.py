@@ -14,11 +14,14 @@ from scipy.stats import mannwhitneyu
 import ablation
 import described
 import descriptions
+import task_learners
 import task_table
 import tasks
 from rkhs_ros.base.endings import BAD_INPUT
+from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.variance import ConstantVariance
 from task_learners import LEARNERS
-from trial import HEAD, TASKS, Key, Point, add_curves, read_curves
+from trial import HEAD, TASKS, Key, MeteredRunner, Point, add_curves, read_curves
 
 README = Path(__file__).parents[3] / "README.md"
 
@@ -30,6 +33,27 @@ def test_every_task_has_settings_that_fit(name: str) -> None:
             trial = tasks.trial_of(TASKS[name], learner, 3)
             assert trial.config.training.seed == 3
             assert trial.episodes == (TASKS[name].episodes if learner == "ours" else 100)
+
+
+class Still:
+    """Takes the place of a learner of Stable-Baselines3."""
+
+    def predict(self, observation: np.ndarray, deterministic: bool) -> tuple[np.ndarray, None]:
+        return np.zeros(1), None
+
+
+@pytest.mark.parametrize("name", ["Pendulum-v1", "cart-pole", "ball-on-beam", "tanks", "furuta"])
+def test_all_learners_are_evaluated_in_the_same_episodes(name: str) -> None:
+    trial = tasks.trial_of(TASKS[name], "ours", 7)
+    runner, inputs = MeteredRunner(trial), trial.config.training.inputs
+    size = inputs.dimension(runner.spaces.observation_dim, 1)
+    mean = task_learners.linear(np.zeros(1 + size), np.zeros((0, size)), runner.spaces)
+    ours = runner.collect(GaussianPolicy(mean, ConstantVariance(np.ones(1)), inputs), trial.evaluation)
+    env = task_learners.world(trial)
+    for number, seed in enumerate(trial.evaluation.environment_seeds()):
+        rewards, observations = task_learners._episode(Still(), env, seed)
+        np.testing.assert_array_equal(rewards, ours.rewards[number])
+        np.testing.assert_array_equal(observations[0], ours.observations[number, 0])
 
 
 def curve(returns: list[float]) -> list[Point]:
