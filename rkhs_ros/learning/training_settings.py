@@ -1,6 +1,6 @@
 """The learner's settings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rkhs_ros.base.settings import Settings, setting, variant
@@ -59,13 +59,14 @@ class ModelBased(Settings):
         """Whether the model of the changes also tries the centred metric; see `rkhs_ros.rkhs.metric_learning`."""
         return self.discovery == "all"
 
-    def priors(self, observation_dim: int) -> Priors:
-        """Import the functions of the settings.
+    def priors(self, observation_dim: int, action_repeat: int = 1, discount: float = 1.0) -> Priors:
+        """Import the functions of the settings, for decisions of a number of steps and a discount factor per step.
 
         Raises:
             ValueError: a function does not exist.
         """
-        return Priors.named(self.reward_fn, self.termination_fn, self.dynamics_fn, observation_dim)
+        priors = Priors.named(self.reward_fn, self.termination_fn, self.dynamics_fn, observation_dim)
+        return replace(priors, action_repeat=action_repeat, discount=discount)
 
 
 ModelSettings = NoModel | ModelBased

@@ -63,8 +63,9 @@ class LearntModel:
         require(len(state.memory) > 0, "model: episodes", "at least one real episode", 0)
         repeat = state.policy.action_repeat
         decisions = state.memory.decisions(repeat, training.discount, spaces)
+        priors = training.model.priors(spaces.observation_dim, repeat, training.discount)
         with one_thread():
-            dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces)
+            dynamics = fit_model(training.model, state.policy.inputs, decisions, spaces, priors)
         return cls(dynamics, decisions.horizon, repeat)
 
     def __repr__(self) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,30 @@ class DynamicsModel:
             actions: clipped actions, shape (n, m).
             changes: changes of the observations without the prior part, shape (n, d).
         """
-        return self.possible(self.coordinates.add(_apply_prior(self.priors, observations, actions), changes))
+        return self.possible(self.coordinates.add(self.priors.moved(observations, actions), changes))
+
+    def known_rewards(self, before: Array, actions: Array, after: Array) -> Array:
+        """Return the known rewards of decisions, shape (n,): the discounted sum of those of their steps.
+
+        The observations between the steps of a decision are not in the model; they lie on a straight way here.
+
+        Args:
+            before: observations, shape (n, d).
+            actions: clipped actions, shape (n, m).
+            after: next observations, shape (n, d).
+
+        Raises:
+            ValueError: the rewards are not known.
+        """
+        priors, way = self.priors, self.coordinates.difference(before, after)
+        if priors.reward_fn is None:
+            raise ValueError("model: expected a prior or a learnt reward, got neither")
+        parts = np.arange(1, priors.action_repeat) / priors.action_repeat
+        path = [before, *(self.coordinates.add(before, part * way) for part in parts), after]
+        rewards = np.zeros(len(before))
+        for step, (now, then) in enumerate(pairwise(path)):
+            rewards += priors.discount**step * priors.reward_fn(now, actions, then)
+        return rewards
 
     def least_rewards(self, actions: Array) -> Array:
         """Return the least observed rewards, but for a cost of clipped actions of shape (..., m): shape (...)."""
@@ -200,14 +224,9 @@ def coordinates_of(steps: Transitions, inputs: Inputs) -> StateCoordinates:
     return StateCoordinates.of(np.concatenate([steps.observations, steps.next_observations]), inputs)
 
 
-def _apply_prior(priors: Priors, observations: Array, actions: Array) -> Array:
-    """Return the next observations that the prior dynamics predict, shape (n, d); without a prior, no change."""
-    return observations if priors.dynamics_fn is None else observations + priors.dynamics_fn(observations, actions)
-
-
 def _residual_changes(steps: Transitions, coordinates: StateCoordinates, priors: Priors) -> Array:
     """Return the changes of the observations without the prior part, shape (n, d)."""
-    return coordinates.difference(_apply_prior(priors, steps.observations, steps.actions), steps.next_observations)
+    return coordinates.difference(priors.moved(steps.observations, steps.actions), steps.next_observations)
 
 
 def _starts_vary(starts: Array, steps: Transitions, inputs: Inputs) -> bool:

@@ -182,13 +182,11 @@ class ModelRunner:
 
     def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
         """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
-        reward_fn, learnt = self._model.priors.reward_fn, self._model.rewards
-        actions = points[..., -self.spaces.action_dim :]
-        if reward_fn is not None:
-            steps = (observations[:, :-1], actions, observations[:, 1:])
-            return reward_fn(*(each.reshape(-1, each.shape[-1]) for each in steps)).reshape(points.shape[:2]).copy()
+        learnt, actions = self._model.rewards, points[..., -self.spaces.action_dim :]
         if learnt is None or drawn is None:
-            raise ValueError("model: expected a prior or a learnt reward, got neither")
+            steps = (observations[:, :-1], actions, observations[:, 1:])
+            known = self._model.known_rewards(*(each.reshape(-1, each.shape[-1]) for each in steps))
+            return known.reshape(points.shape[:2])
         if learnt.depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), actions], axis=-1)
         return learnt.of(drawn.along(points)[:, :, 0], actions, self._reward_margin)

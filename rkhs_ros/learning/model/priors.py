@@ -18,18 +18,30 @@ from rkhs_ros.rkhs.kernels import Array
 class Priors:
     """User functions that replace learnt parts of the model; None for a part that is learnt.
 
-    All functions take batches: raw observations of shape (n, d) and clipped actions of shape (n, m).
+    All functions take batches: raw observations of shape (n, d) and clipped actions of shape (n, m). Rewards and
+    changes are those of a step of the task. A step of the model is a decision, which may hold its action for several.
 
     Attributes:
         reward_fn: maps observations, actions and next observations to rewards, shape (n,).
         termination_fn: maps observations to whether the task terminates there, booleans or 0 and 1, shape (n,).
         dynamics_fn: maps observations and actions to a part of the change of the observations in one step, shape
             (n, d); the model learns the rest.
+        action_repeat: number of steps of a decision.
+        discount: discount factor of the rewards, per step.
     """
 
     reward_fn: Callable[[Array, Array, Array], Array] | None = None
     termination_fn: Callable[[Array], Array] | None = None
     dynamics_fn: Callable[[Array, Array], Array] | None = None
+    action_repeat: int = 1
+    discount: float = 1.0
+
+    def moved(self, observations: Array, actions: Array) -> Array:
+        """Return the observations after the known changes of a decision, shape (n, d)."""
+        if self.dynamics_fn is not None:
+            for _ in range(self.action_repeat):
+                observations = observations + self.dynamics_fn(observations, actions)
+        return observations
 
     @classmethod
     def named(cls, reward: str, end: str, change: str, observation_dim: int) -> Priors:

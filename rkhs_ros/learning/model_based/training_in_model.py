@@ -89,9 +89,9 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
         start = _fresh_policy(policy, experience, inputs)
     else:
         start = policy
-    priors = settings.priors(spaces.observation_dim)
+    priors = settings.priors(spaces.observation_dim, experience.action_repeat, training.discount)
     error = _error_of_previous_model(settings, inputs, experience, priors)
-    model = fit_model(settings, inputs, episodes, spaces)
+    model = fit_model(settings, inputs, episodes, spaces, priors)
     optimistic = experience.seeks_novelty and priors.reward_fn is None
     focused = not model.starts_vary
     if focused:
@@ -142,7 +142,9 @@ def _key(policy: GaussianPolicy) -> bytes:
     return policy.mean.weights.tobytes()
 
 
-def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces) -> DynamicsModel:
+def fit_model(
+    settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: Spaces, priors: Priors
+) -> DynamicsModel:
     """Fit the model of a run.
 
     Args:
@@ -150,12 +152,11 @@ def fit_model(settings: ModelBased, inputs: Inputs, episodes: Episodes, spaces: 
         inputs: inputs of the policy.
         episodes: at least one episode, with raw observations and one step per decision of the policy.
         spaces: spaces of the task.
+        priors: functions that replace learnt parts, for these decisions.
 
     Raises:
-        ValueError: a prior function does not exist.
         RunError: a prior function failed.
     """
-    priors = settings.priors(spaces.observation_dim)
     return DynamicsModel.fit(episodes, inputs, spaces, settings.centres, priors, centred=settings.tries_centred_metric)
 
 
@@ -234,7 +235,8 @@ def model_rollouts_of(
     """
     repeat = policy.action_repeat
     decisions = episodes.decisions(repeat, discount, spaces)
-    model = fit_model(settings, policy.inputs, decisions, spaces)
+    priors = settings.priors(spaces.observation_dim, repeat, discount)
+    model = fit_model(settings, policy.inputs, decisions, spaces, priors)
     batch = Batch(0, FROM_THE_START, count, decisions.horizon, explore=False)
     return ModelRunner(model).collect(replace(policy, action_repeat=1), batch).held(repeat, episodes.horizon)
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from rkhs_ros.base.endings import RunError
+from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel, prediction_error
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
 from rkhs_ros.learning.model.priors import Priors
+from rkhs_ros.learning.model.state_coordinates import StateCoordinates
 from rkhs_ros.learning.training import train
 from rkhs_ros.learning.training_settings import ModelBased
 from rkhs_ros.policies.inputs import Inputs
@@ -95,6 +97,31 @@ def test_prior_and_learnt_dynamics_add_up(rng: np.random.Generator) -> None:
     now, actions, following = transitions(rollouts)
     inside = (np.abs(following[:, 0]) < 0.9 * model.high[0]) & (np.abs(following[:, 1]) < 0.9 * model.high[1])
     np.testing.assert_allclose(following[inside], linear(now, actions)[inside], atol=0.3)
+
+
+def test_known_rewards_and_changes_of_a_held_action_are_those_of_its_steps(rng: np.random.Generator) -> None:
+    rows, repeat, horizon, discount, speed = 10, 3, 24, 0.9, np.array([0.5, 0.3])
+    actions = np.repeat(rng.uniform(-1.0, 1.0, (rows, horizon // repeat, 1)), repeat, axis=1)
+    angles = StateCoordinates.of(np.zeros((1, 2)), Inputs(angles=(0.0,)))
+    path = [rng.uniform(-3.0, 3.0, (rows, 2))]
+    for each in np.moveaxis(actions, 1, 0):
+        path.append(angles.add(path[-1], each * speed))  # uniform motion, past half a turn
+
+    def known(now: np.ndarray, actions: np.ndarray, then: np.ndarray) -> np.ndarray:
+        return np.sin(now[:, 0]) + then[:, 1] ** 2 - 0.1 * actions[:, 0]
+
+    moves = zip(path[:-1], np.moveaxis(actions, 1, 0), path[1:], strict=True)
+    rewards = np.stack([known(now, a, then) for now, a, then in moves], 1)
+    mask = np.ones((rows, horizon), dtype=bool)
+    steps = Episodes(np.stack(path[:-1], 1), actions, rewards, mask, path[-1], np.zeros(rows, dtype=bool))
+    decisions = steps.decisions(repeat, discount, SPACES)
+    priors = Priors(reward_fn=known, action_repeat=repeat, discount=discount)
+    model = DynamicsModel.fit(decisions, Inputs(angles=(0.0,)), SPACES, 20, priors)
+    now, held, following = transitions(decisions)
+    earned = decisions.flat(decisions.rewards)
+    np.testing.assert_allclose(model.known_rewards(now, held, following), earned, atol=1e-12)
+    moved = replace(priors, dynamics_fn=lambda observations, actions: actions * speed).moved(now, held)
+    np.testing.assert_allclose(model.coordinates.difference(moved, following), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
