@@ -21,7 +21,7 @@ from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
 CHANGE = 0.3  # root mean square of an observation's change per decision, in its standard deviations
@@ -227,5 +227,6 @@ def _evidence(inputs: Inputs, episodes: Episodes, spaces: Spaces) -> Evidence:
     steps = Transitions.of(episodes.take(slice(-enough, None)), inputs, spaces).last(MOST_STEPS)
     coordinates = coordinates_of(steps, inputs)
     changes = coordinates.difference(steps.observations, steps.next_observations)
-    least_gain = max(GAIN, GAIN_PER_NUMBER * len(changes) * len(coordinates.columns))
+    moving = np.count_nonzero(spreads(changes))
+    least_gain = max(GAIN, GAIN_PER_NUMBER * len(changes) * moving)
     return Evidence(Posterior.fit(steps.points, changes, CENTRES).evidence, least_gain)

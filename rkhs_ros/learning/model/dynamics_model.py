@@ -26,7 +26,7 @@ from rkhs_ros.learning.model.termination import Limits, fit_termination
 from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.rkhs.kernels import Array, deviations
+from rkhs_ros.rkhs.kernels import Array, deviations, spreads
 from rkhs_ros.rkhs.posterior import Posterior
 
 MARGIN = 0.25  # part of the observed range that rollouts may exceed it by: policies learn to exploit hard clipping
@@ -205,7 +205,8 @@ def prediction_error(
     """Fit a model to some episodes, and test it on others; see `DynamicsModel.fit` for the arguments.
 
     Returns:
-        The root mean square error of the predicted changes, in standard deviations of the changes.
+        The root mean square error of the predicted changes, in standard deviations of the changes. Columns whose change
+        is constant do not count; nan if that is so for all.
     """
     earlier, steps = (
         Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
@@ -215,8 +216,8 @@ def prediction_error(
     model = Posterior.fit(earlier.points, changes, centres, centred=centred)
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     changes = coordinates.difference(steps.observations, steps.next_observations)
-    sizes = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes)
-    return float(np.sqrt(np.mean(sizes[coordinates.columns] ** 2)))
+    sizes, moving = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes), spreads(changes) > 0.0
+    return float(np.sqrt(np.mean(sizes[moving] ** 2))) if moving.any() else float("nan")
 
 
 def coordinates_of(steps: Transitions, inputs: Inputs) -> StateCoordinates:

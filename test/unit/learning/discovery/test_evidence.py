@@ -11,6 +11,7 @@ import pytest
 from rkhs_ros.learning import discovery
 from rkhs_ros.learning.discovery import Evidence, discover_inputs
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.learning.model.dynamics_model import prediction_error
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
@@ -71,6 +72,13 @@ def late(episodes: Episodes) -> Episodes:
     return replace(episodes, observations=before, final_observations=episodes.observations[:, -1])
 
 
+def with_constants(episodes: Episodes, count: int = 8) -> Episodes:
+    """Return the episodes with further columns that never change."""
+    wider = [(0, 0), (0, 0), (0, count)]
+    observations, final = np.pad(episodes.observations, wider), np.pad(episodes.final_observations, wider[1:])
+    return replace(episodes, observations=observations, final_observations=final)
+
+
 def in_degrees(episodes: Episodes) -> Episodes:
     factor = 180.0 / np.pi
     observations, final = factor * episodes.observations, factor * episodes.final_observations
@@ -110,6 +118,18 @@ def test_a_hidden_state_lengthens_the_history_by_one_step(task: Any, hide: Any, 
     assert longer == replace(known, history=2)
     assert discovered(hidden, known, history=False) == known
     assert discovered(hidden, longer) == longer  # once more does not help
+
+
+@pytest.mark.parametrize("task", [pendulum, cart])
+def test_columns_that_never_change_neither_hide_that_a_history_helps_nor_lower_the_error(task: Any) -> None:
+    known = Inputs(angles=(0.0,)) if task is pendulum else Inputs()
+    hidden = observing(task(0), [0])
+    assert discovered(with_constants(hidden), known).history == discovered(hidden, known).history == 2
+    errors = [
+        prediction_error(its.take(slice(2)), its.take(slice(2, 4)), known, spaces_of(its), 100)
+        for its in (hidden, with_constants(hidden))
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
 @pytest.mark.parametrize(("steps", "history"), [(99, 1), (100, 2)])
