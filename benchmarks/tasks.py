@@ -36,10 +36,13 @@ Learn = Callable[[Key, Trial], tuple[Key, list[Point] | str]]  # returns the cur
 QUICK = {"tasks": ["cart-pole"], "learners": ["linear-cma-es"], "seeds": "100"}
 
 
-def repeat_of(curves: Curves, task: str) -> int | None:
-    """Return the median action repeat that ours chose on a task; None if it was not run."""
-    chosen = [curve[-1].action_repeat for key, curve in curves.items() if key[:2] == (task, "ours")]
-    return int(np.median(chosen)) if chosen else None
+def repeat_of(curves: Curves, task: str, learner: str) -> int | None:
+    """Return the action repeat of the other runs of a learner on a task, or the median of ours; None without any."""
+    for name in (learner, "ours"):
+        chosen = [curve[-1].action_repeat for key, curve in curves.items() if key[:2] == (task, name)]
+        if chosen:
+            return int(np.median(chosen))
+    return None
 
 
 def trial_of(task: Task, learner: str, seed: int, repeat: int = 1) -> Trial:
@@ -62,7 +65,7 @@ def asked(options: Namespace, curves: Curves) -> Iterator[tuple[Key, Trial]]:
     """Yield the missing curves whose packages are installed, and report the others."""
     for task in options.tasks:
         for learner in options.learners:
-            chosen, repeat = LEARNERS[learner], repeat_of(curves, task)
+            chosen, repeat = LEARNERS[learner], repeat_of(curves, task, learner)
             if is_skipped(task, learner):
                 continue
             if chosen.holds_actions and (repeat is None or repeat == 1):

@@ -66,8 +66,14 @@ def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:  # as processes that share the file
         list(pool.map(lambda item: add_curves(tmp_path / "curves.csv", dict([item])), curves.items()))
     assert read_curves(tmp_path / "curves.csv") == curves
-    assert tasks.repeat_of(curves, "tanks") == 1
-    assert tasks.repeat_of(curves, "cart-pole") is None
+
+
+def test_all_runs_of_a_learner_hold_actions_as_long_as_the_first_one() -> None:
+    ours = {Key("tanks", "ours", seed): [Point(1, 1, 0.0, 0.0, 0.0, 0.0, 0.0, seed)] for seed in (2, 3, 5)}
+    assert tasks.repeat_of(ours, "cart-pole", "sac-held") is None
+    assert tasks.repeat_of(ours, "tanks", "sac-held") == 3
+    held = ours | {Key("tanks", "sac-held", 0): [Point(1, 1, 0.0, 0.0, 0.0, 0.0, 0.0, 4)]}
+    assert tasks.repeat_of(held, "tanks", "sac-held") == 4
 
 
 @given(st.lists(st.floats(0.0, 60.0), min_size=1, max_size=12))
