@@ -1,19 +1,23 @@
 """Calls in parallel: in processes of this machine, or on a Dask cluster."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from importlib import import_module
+from itertools import islice
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from joblib import cpu_count
 from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
 from joblib.externals.loky.process_executor import BrokenProcessPool
 from rich.progress import Progress
 
-from rkhs_ros.base.endings import RunError
+from rkhs_ros.base.endings import RunError, deferred_signals
 from rkhs_ros.base.processes import terminate_with_parent
 from rkhs_ros.base.validation import require, require_extra
 from rkhs_ros.runs.progress import bar_columns, bar_console
@@ -51,12 +55,30 @@ def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], jobs:
         yield from (call(*each) for each in arguments)
         return
     with _cluster(jobs) if isinstance(jobs, str) else _processes(processes) as executor:
-        for future in as_completed([executor.submit(call, *each) for each in arguments]):
-            yield future.result()
+        waiting = iter(arguments)  # not in the executor of processes, whose end would print a traceback for them
+        at_once = processes or len(arguments)
+        running = {_submitted(executor, call, each) for each in islice(waiting, at_once)}
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            running |= {_submitted(executor, call, each) for each in islice(waiting, len(done))}
+            for future in done:
+                yield future.result()
+
+
+def _submitted(executor: Executor, call: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
+    """Submit a call; block SIGINT in the processes that this starts, since a terminal sends it to them as well."""
+    with deferred_signals():  # until the executor knows all its processes, which it has to end
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return executor.submit(call, *arguments)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
+    for tracker in (resource_tracker, loky_resource_tracker):
+        tracker.ensure_running()  # now, since their start unblocks SIGINT
     executor = get_reusable_executor(count, initializer=terminate_with_parent, initargs=(os.getpid(),), reuse=False)
     try:
         yield executor

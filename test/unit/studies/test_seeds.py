@@ -1,3 +1,4 @@
+import os
 import shutil
 import signal
 import subprocess
@@ -100,17 +101,40 @@ def test_resume_runs_only_missing_or_unfinished_seeds(rkhs: Run, started_runs: P
     assert [len(Curve(path / "curve.csv").rows()) for path in seed_folders(started_runs)] == [3] * 3
 
 
+CALLS = """import time
+from rkhs_ros.studies.workers import run_parallel
+try:
+    list(run_parallel(time.sleep, [(60,)] * 9, jobs=2, title="calls", quiet=True))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def in_a_terminal(command: list[str]) -> subprocess.Popen[str]:
+    """Start a command that receives signals together with its processes."""
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def test_workers_that_start_while_the_user_interrupts_print_nothing() -> None:
+    process = in_a_terminal([sys.executable, "-c", CALLS])
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while not any("umath" in Path(f"/proc/{pid}/maps").read_text() for pid in children.read_text().split()):
+        assert process.poll() is None  # until a worker imports numpy
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate(timeout=120) == ("interrupted\n", "")
+
+
 @pytest.mark.nightly
 @pytest.mark.slow
 def test_interrupted_training_with_several_seeds_resumes(rkhs: Run, tmp_path: Path) -> None:
     many, whole = tmp_path / "many", tmp_path / "whole"
-    long = (*EPISODES, "iterations=60", "--seeds", "0-2", "--quiet")
+    long = (*EPISODES, "iterations=30", "--seeds", "0-5", "--quiet")
     command = [sys.executable, "-m", "rkhs_ros.app.cli", "train", CONFIG, *long, "--out", many, "--jobs", "2"]
-    process = subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    process = in_a_terminal([*map(str, command)])
     while not list(many.glob("seed_*/recording.mcap")):
         assert process.poll() is None
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (130, "")
     assert err == f"interrupted; resume with: rkhs train --resume {many}\n"
