@@ -180,7 +180,8 @@ def show(domain: int | None, *, watch: bool) -> None:
             time.sleep(CHECK_S)
         if not reports.statuses:
             expected = f"expected running nodes, got none within {LISTEN_S:g} s"
-            raise PeerError(f"{expected}; pass the run's folder, or set ROS_DOMAIN_ID")
+            unknown = "pass the run's folder, or set ROS_DOMAIN_ID"
+            raise PeerError(f"{expected}; {unknown if domain is None else 'the run has ended or restarts them'}")
         if not watch:
             console.print(view(reports, console))
             return

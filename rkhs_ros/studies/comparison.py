@@ -138,11 +138,11 @@ def _found(places: Sequence[Path]) -> list[Run]:
     found: dict[Path, Run] = {}
     for place in places:
         folders = [place] if _is_run(place) else [path.parent for path in sorted(place.rglob("config.yaml"))]
-        folders = [folder for folder in folders if _is_run(folder)]
         expected = "a run's folder (with config.yaml and curve.csv), or a folder of runs"
-        require(len(folders) > 0, f"{place}", expected, "neither")
+        require(any(map(_is_run, folders)), f"{place}", expected, "neither")
         for folder in folders:
-            run = Run(place, folder, load_config(folder / "config.yaml"), Curve(folder / "curve.csv").rows())
+            rows = Curve(folder / "curve.csv").rows() if _is_run(folder) else []
+            run = Run(place, folder, load_config(folder / "config.yaml"), rows)
             found.setdefault(folder.resolve(), run)
     return list(found.values())
 
