@@ -1,4 +1,5 @@
 import csv
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -121,9 +122,10 @@ def test_runs_without_an_iteration_are_omitted_with_a_note(tmp_path: Path) -> No
     comparison = compare([tmp_path / "r"])
     assert comparison.curves[0].returns.shape == (1, 1)
     assert comparison.notes == (f"Omitted, since it has no finished iteration: {empty}.",)
-    (empty / "curve.csv").unlink()
-    assert compare([tmp_path / "r"]).notes == comparison.notes
-    run_folder(tmp_path / "r" / "b", [], seed=1)
+    without_curve = shutil.copytree(empty, tmp_path / "r" / "c", ignore=lambda *_: ["curve.csv"])
+    assert compare([tmp_path / "r"]).notes == tuple(
+        f"Omitted, since it has no finished iteration: {each}." for each in (empty, without_curve)
+    )
     with pytest.raises(ValueError, match=r"^compare: expected at least one run's folder, got none$"):
         compare([])
     with pytest.raises(ValueError, match="r/b: expected a run with at least one iteration, got none"):
