@@ -206,7 +206,7 @@ def prediction_error(
 
     Returns:
         The root mean square error of the predicted changes, in standard deviations of the changes. Columns whose change
-        is constant do not count; nan if that is so for all.
+        is constant do not count, unless that is so for all.
     """
     earlier, steps = (
         Transitions.of(episodes, inputs, spaces).thinned(MOST_TRANSITIONS) for episodes in (before, after)
@@ -217,7 +217,7 @@ def prediction_error(
     errors = coordinates.wrap(_residual_changes(steps, coordinates, priors) - model.mean(steps.points))
     changes = coordinates.difference(steps.observations, steps.next_observations)
     sizes, moving = np.sqrt(np.mean(errors**2, axis=0)) / deviations(changes), spreads(changes) > 0.0
-    return float(np.sqrt(np.mean(sizes[moving] ** 2))) if moving.any() else float("nan")
+    return float(np.sqrt(np.mean(sizes[moving if moving.any() else ...] ** 2)))
 
 
 def coordinates_of(steps: Transitions, inputs: Inputs) -> StateCoordinates:
