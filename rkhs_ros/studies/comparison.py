@@ -113,10 +113,9 @@ def compare(folders: str | Path | Iterable[str | Path], labels: Mapping[Path, st
     """
     places = [Path(folders)] if isinstance(folders, str | Path) else [Path(each) for each in folders]
     require(len(places) > 0, "compare", "at least one run's folder", "none")
-    found = _found(places)
-    runs = [run for run in found if run.rows]
-    require(len(runs) > 0, f"{found[0].folder}", "a run with at least one iteration", "none")
-    notes = [f"Omitted, since it has no finished iteration: {run.folder}." for run in found if not run.rows]
+    runs, empty = _found(places)
+    require(len(runs) > 0, f"{(empty or places)[0]}", "a run with at least one iteration", "none")
+    notes = [f"Omitted, since it has no finished iteration: {folder}." for folder in empty]
     groups = _grouped(runs)
     task = _common_task(runs)
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
@@ -134,17 +133,21 @@ def compare(folders: str | Path | Iterable[str | Path], labels: Mapping[Path, st
     return Comparison(task, curves, limit if cut else None, tuple(notes))
 
 
-def _found(places: Sequence[Path]) -> list[Run]:
+def _found(places: Sequence[Path]) -> tuple[list[Run], list[Path]]:
+    """Return the runs in folders, and the folders of those without a finished iteration."""
     found: dict[Path, Run] = {}
+    empty: dict[Path, Path] = {}
     for place in places:
         folders = [place] if _is_run(place) else [path.parent for path in sorted(place.rglob("config.yaml"))]
         expected = "a run's folder (with config.yaml and curve.csv), or a folder of runs"
         require(any(map(_is_run, folders)), f"{place}", expected, "neither")
         for folder in folders:
-            rows = Curve(folder / "curve.csv").rows() if _is_run(folder) else []
-            run = Run(place, folder, load_config(folder / "config.yaml"), rows)
-            found.setdefault(folder.resolve(), run)
-    return list(found.values())
+            if rows := Curve(folder / "curve.csv").rows():
+                run = Run(place, folder, load_config(folder / "config.yaml"), rows)
+                found.setdefault(folder.resolve(), run)
+            else:
+                empty.setdefault(folder.resolve(), folder)
+    return list(found.values()), list(empty.values())
 
 
 def _is_run(folder: Path) -> bool:

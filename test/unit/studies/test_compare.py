@@ -123,6 +123,7 @@ def test_runs_without_an_iteration_are_omitted_with_a_note(tmp_path: Path) -> No
     assert comparison.curves[0].returns.shape == (1, 1)
     assert comparison.notes == (f"Omitted, since it has no finished iteration: {empty}.",)
     without_curve = shutil.copytree(empty, tmp_path / "r" / "c", ignore=lambda *_: ["curve.csv"])
+    (without_curve / "config.yaml").write_text("of: another program\n")
     assert compare([tmp_path / "r"]).notes == tuple(
         f"Omitted, since it has no finished iteration: {each}." for each in (empty, without_curve)
     )
