@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from rkhs_ros.rkhs.kernels import Array
-from rkhs_ros.robot.feedback import CLOCK_TOLERANCE_S, compared, contradiction, flaw, runaway, stale
+from rkhs_ros.robot.feedback import CLOCK_TOLERANCE_S, NOISE, compared, contradiction, flaw, runaway, stale
 from rkhs_ros.robot.gate_state import (
     CLAMPED,
-    MOST_NUMBER,
     STOP_REQUESTED,
     Command,
     CommandReport,
@@ -62,7 +61,7 @@ def sensed(state: Gate, rules: Rules, now: float, news: Sensed) -> tuple[Gate, s
     reason = flaw(state, rules, now, news)
     if reason:
         return _count(state, refusals=1), reason
-    state = runaway(compared(state, rules, now, news), rules, now, news)
+    state = runaway(compared(_let_go(state, rules, now, news), rules, now, news), rules, now, news)
     state = _timed_rest(_anchored(replace(state, sensed=news)), rules, now)
     if reason := contradiction(state, now):  # no effort is safe without feedback
         state = stopped(state, reason)
@@ -99,8 +98,9 @@ def armed(state: Gate, rules: Rules, now: float) -> tuple[Gate, str]:
     if obstacle:
         return state, obstacle
     if not state.is_armed:
-        anchor = state.sensed.position if state.sensed is not None else None
-        state = replace(state, motion=_start(state.sensed, rules.limits), anchor=anchor)
+        state = replace(state, motion=_start(state.sensed, rules.limits))
+    if not state.is_armed or state.releases:  # a released joint may be elsewhere by now
+        state = replace(state, anchor=state.sensed.position if state.sensed is not None else None, swing=None)
     state = replace(state, releases=False, stopped_at=np.inf, top_speed=None)
     return replace(state, mode=Mode.HOLDING, reason="", goal=None, sender=-1, number=-1), ""
 
@@ -165,6 +165,27 @@ def _held(state: Gate) -> Gate:
     return replace(state, mode=mode, goal=None)
 
 
+def _let_go(state: Gate, rules: Rules, now: float, news: Sensed) -> Gate:
+    """Do not pull back a robot at rest that has moved while no joint state arrived, for example without power.
+
+    Efforts hold it where it is now. Positions disarm the gate, which then begins where the robot is.
+    """
+    before, motion = state.sensed, state.motion
+    if not state.is_armed or state.goal is not None or before is None or motion is None or not stale(state, rules, now):
+        return state
+    is_elsewhere = np.abs(news.position - before.position) > NOISE
+    if rules.limits.kind == EFFORT and state.anchor is not None:
+        swing = np.zeros_like(news.velocity) if state.swing is None else state.swing
+        anchor = np.where(is_elsewhere, news.position, state.anchor)
+        return replace(state, anchor=anchor, swing=np.where(is_elsewhere, news.velocity, swing))
+    if rules.limits.kind != POSITION or motion.rate.any():
+        return state
+    moved = np.flatnonzero(is_elsewhere & (np.abs(news.position - motion.value) > NOISE))
+    if not moved.size:
+        return state
+    return replace(state, mode=Mode.DISARMED, reason=f"joint {moved[0]} moved while no joint state arrived")
+
+
 def _anchored(state: Gate) -> Gate:
     """Hold each joint where it first turns after a motion, so that the braking spring does not pull it back."""
     if state.sensed is None or state.anchor is None or state.swing is None:
@@ -193,9 +214,6 @@ def _is_still(state: Gate, rules: Rules, now: float) -> bool:
 
 def _objection(state: Gate, rules: Rules, now: float, command: Command) -> str:
     """Return why a command is refused; empty if it is accepted."""
-    greatest = max(command.instance, command.number)
-    if greatest > MOST_NUMBER:
-        return f"command: expected an instance and a number of at most {MOST_NUMBER}, got {greatest}"
     if state.goal is not None and command.instance != state.sender:
         return f"command: expected instance {state.sender}, which is moving the robot, got {command.instance}"
     if command.instance < state.sender:

@@ -14,7 +14,6 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.limits import EFFORT, POSITION, VELOCITY, Limits, Sensed, SensedLimits, Setpoint
 
-MOST_NUMBER = 2**63 - 1  # of an instance and of a command; the greatest integer of a ROS parameter
 STOP_REQUESTED = "a stop is requested"  # prefix of the reason for a requested stop
 
 

@@ -59,6 +59,12 @@ def test_a_joint_that_holding_accelerates_beyond_its_limit_is_released(torque: f
     assert run(world, 5.0) < 1.25 * LIMIT
     assert (world.state.mode, world.state.releases) == (Mode.STOPPED, True)
     assert world.outputs[-1] == 0.0
+    world.sign, world.velocity[:] = 1.0, 0.0
+    world.position += 0.9  # it falls, and its wires are mended
+    world.tick()
+    assert world.arm() == ""
+    world.tick()
+    assert world.outputs[-1] == pytest.approx(0.0, abs=1e-6)  # it is held where it is
 
 
 @pytest.mark.parametrize("kind", KINDS)
