@@ -87,15 +87,15 @@ Progress = tuple[RecordingRunner, State, Sequence[Row], Sequence[GaussianPolicy]
 
 
 @contextmanager
-def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bool) -> Iterator[Progress]:
+def recorded(config: Config, runner: RecordableRunner, folder: Path, *, is_robot: bool) -> Iterator[Progress]:
     """Record a run in its folder, or continue its recording; print a warning if it was recorded with other versions.
 
-    With ``sync``, each message is synced to the disk, such as for a robot, whose episodes are costly.
+    The episodes of a robot are costly: each message is synced to the disk, and no finished episode is repeated.
 
     Raises:
         ValueError: the recording belongs to another run, or lacks episodes, or the environment has changed.
     """
-    given, training, is_robot = initial_policy(folder), config.training, bool(config.environment.nodes)
+    given, training = initial_policy(folder), config.training
     file, head = folder / FILE, head_of_run(config, runner.spaces, warm_start=given is not None)
     held, messages = read_held(file, training.iterations, keeps_later=is_robot)
     is_new = not held.heads or held.heads[-1].versions != head.versions
@@ -113,7 +113,7 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, sync: bo
         print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)
     counts = (state.evaluated, state.explored)
     later = {each: found for each, found in held.by_numbers().items() if each.first_episode >= counts[each.explore]}
-    recorder, record_before = Recorder(MessageFile(file, messages, sync=sync), held), runner.record
+    recorder, record_before = Recorder(MessageFile(file, messages, sync=is_robot), held), runner.record
     runner.record = recorder.ended
     try:
         if is_new:

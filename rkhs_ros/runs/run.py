@@ -53,7 +53,7 @@ def training_steps(
     quiet: bool = False,
     resume: bool = False,
     tensorboard: bool = False,
-    sync: bool = False,
+    is_robot: bool = False,
     on_advice: OnAdvice | None = None,
 ) -> Generator[tuple[Iteration, Report], None, None]:
     """Train, write the results, and yield each iteration after its results are written.
@@ -70,7 +70,7 @@ def training_steps(
         resume: resume the run in the folder; with the same versions, its results are bit-identical to those of an
             uninterrupted run.
         tensorboard: write TensorBoard events; a resumed run continues existing events in any case.
-        sync: sync each message of the recording to the disk, such as for a robot, whose episodes are costly.
+        is_robot: whether episodes are costly, so that each is synced to the disk, and there is no final evaluation.
         on_advice: callback for advice if the run does not learn; None prints it with the progress.
 
     Raises:
@@ -82,10 +82,9 @@ def training_steps(
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         if not is_started(folder):
             begin(folder, config)
-        with recorded(config, runner, folder, sync=sync) as (recorder, state, rows, policies):
+        with recorded(config, runner, folder, is_robot=is_robot) as (recorder, state, rows, policies):
             events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
             report = Report(folder, config, runner.spaces, rows, policies)  # replaces earlier results from here on
-            is_robot = bool(config.environment.nodes)
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder)
             with finished(report), events as log_row, bar as show:
                 earlier = [

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.policies.storage import read_policy
 from rkhs_ros.recordings.recording import read_recording
@@ -30,19 +29,20 @@ NODES = ("simulated_robot", "gate", "robot", "policy", "learner")
 def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, tmp_path: Path, launches: bool) -> None:
     if launches and shutil.which("ros2") is None:
         pytest.skip("ros2 launch comes with a native installation")
-    folder, config = tmp_path / "run", load_config(CONFIG, (*QUICK, "iterations=1"))
+    folder, given = tmp_path / "run", tmp_path / "config.yaml"
+    given.write_text(dumped(load_config(CONFIG, (*QUICK, "iterations=1")).parameters()))
     if launches:
-        given = tmp_path / "config.yaml"
-        given.write_text(dumped(config.parameters()))
         words = ("simulated:=true", f"config:={given}", f"output:={folder}")
         code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
     else:
-        file = write_parameters(config, folder / "parameters.yaml", output=str(folder))
-        *_, learner = [start(name, "--ros-args", "--params-file", file) for name in NODES]
-        code, _, err = learner.finish()
+        words = ("--ros-args", "--params-file", given)
+        for name in NODES[:-1]:
+            start(name, *words)
+        code, _, err = start("learner", *words, "-p", f"output:={folder}").finish()
     assert code == 0, err
     assert [row.episodes for row in Curve(folder / "curve.csv").rows()] == [2]
     assert len(read_recording(folder).by_numbers()) == 2
+    assert not (folder / "final_evaluation.txt").exists()  # which would move the robot
 
 
 def test_a_run_on_a_simulated_robot_is_resumed_and_its_policy_evaluated(start: Start, tmp_path: Path) -> None:

@@ -99,7 +99,6 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
         resume = node.resume and folder is not None and is_started(folder)
         folder = old_folder(folder) if resume else new_folder(folder, config.training.name)
         node.get_logger().info(f"learning {config.environment.id}; the results are in {folder.resolve()}")
-        is_robot = node.runner.is_robot
         rows: Sequence[Row] = []
         with suppress(ValueError):  # from a damaged curve, which the run writes again
             rows = Curve(folder / "curve.csv").rows()
@@ -113,7 +112,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                     quiet=node.quiet,
                     resume=resume,
                     tensorboard=node.tensorboard,
-                    sync=is_robot,
+                    is_robot=node.runner.is_robot,
                     on_iteration=lambda _, rows: node.publish_progress(folder, rows),
                     on_advice=lambda advice: node.get_logger().warning(str(advice)),
                 )

@@ -88,12 +88,13 @@ def execution(batch: Batch, period: int, reason: str = "") -> Execution:
 
 def recorded_run(folder: Path, config: Config = CONFIG, runner: Any = None, **more: Any) -> Path:
     """Record a run, or resume it, and return the recording."""
-    if isinstance(runner, Robot):
+    is_robot = isinstance(runner, Robot)
+    if is_robot:
         config = replace(
             config, environment=replace(config.environment, nodes={"robot": {"task": "rkhs/Toy-v0"}, "gate": {}})
         )
     runner = runner or InlineRunner(Simulation(config.environment.id, config.environment.options))
-    return run_training(config, runner, folder, quiet=True, **more) / "recording.mcap"
+    return run_training(config, runner, folder, quiet=True, is_robot=is_robot, **more) / "recording.mcap"
 
 
 def same_batch(one: RecordedBatch, other: RecordedBatch) -> bool:
