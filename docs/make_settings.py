@@ -48,7 +48,7 @@ def page() -> str:
         *of_classes(STEP_RULES, "algorithm.step."),
         f"## Model\n\n`model.form` selects one: {names(MODELS)}. For when to use a model, "
         "see [model-based training](model_based.md).\n\n"
-        f"With `none` and `rkhs_nac`, other defaults: {without_model()}.\n",
+        f"With `none` and `rkhs_nac`, the library and `rkhs train --env` have other defaults: {without_model()}.\n",
         *of_classes(MODELS, "model."),
     ]
     return "\n".join([HEAD, *sections])

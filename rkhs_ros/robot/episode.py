@@ -155,7 +155,7 @@ class RobotEpisode:
             if now >= self.due:
                 self.discard(f"the action of step {self._missing} did not arrive")
             return False
-        if not self._answered and now > self._deadline:
+        if not self._answered and (now > self._deadline or now >= self._due):
             self._miss()
         if self.over or now < self._due:
             return False

@@ -166,7 +166,6 @@ class Hardware:
         self.steps = self.commands = 0
         self._readings = 0
         self._settings = s = robot.settings
-        self._heard_at = -math.inf
         self._commands, self._samples = (
             Wire[Any](stream(s.seed, name, 0), s.latency, s.jitter, s.loss) for name in ("commands", "samples")
         )
@@ -186,7 +185,6 @@ class Hardware:
         for arrival, command in self._commands.arrived(now):
             self._simulate(arrival)
             self.commands += 1
-            self._heard_at = arrival
             self.robot.hear(command)
         self._simulate(now)
         return [sample for _, sample in self._samples.arrived(now)]
@@ -206,7 +204,6 @@ class Hardware:
             "commands lost": self._commands.lost,
             "samples lost": self._samples.lost,
             "steps": self.steps,
-            "seconds since the last command": f"{self.time - self._heard_at:.3f}",
         }
 
     @property

@@ -117,14 +117,15 @@ class SimulatedRobotNode(ReportingNode):
         self._violations = self.create_publisher(DiagnosticStatus, "~/violations", LATCHED_QOS)
         self.diagnostics = Diagnostics(self, self._report)
         self.create_service(Trigger, "~/reset_protective_stop", self._reset)
-        self._begin_ns, self._begin = time.time_ns(), time.monotonic()
+        self._begin = time.monotonic()
         self.get_logger().info(f"{name} is running, at {self._speed:g} times real time")
 
     def heartbeat(self) -> float:
         """Advance the robot and publish the readings of its sensors; return the seconds until its next event."""
         now = self._now()
         for moment, readings in self._hardware.advance(now):
-            stamp = Time(nanoseconds=self._begin_ns + round(1e9 * moment / self._speed))  # by the system clock
+            age = (self._now() - moment) / self._speed
+            stamp = Time(nanoseconds=time.time_ns() - round(1e9 * age))  # by the system clock, which may have jumped
             self._topics.publish(readings, stamp.to_msg())
         self.diagnostics.steps = self._hardware.steps
         self.diagnostics.stuck = self._topics.robot.state.protection.reason
@@ -151,7 +152,7 @@ class SimulatedRobotNode(ReportingNode):
         now = time.monotonic()
         if now < self._report_at and self._published == (protection.violations, protection.reason):
             return
-        before, self._crowded = self._crowded, rivals(self, [self._topics.command_topic])
+        before, self._crowded = self._crowded, rivals(self, self._topics.command_topic)
         if self._crowded and not before:
             self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
         self._publish_report()

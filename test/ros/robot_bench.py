@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from std_msgs.msg import Empty, Float64
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from rkhs_interfaces.msg import Action, Command, GateReport, GateState, Observation
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
@@ -65,15 +65,16 @@ class Bench:
         node = probe
         self._state = node.create_publisher(GateState, "gate/state", LATCHED_QOS)
         self._reports = node.create_publisher(GateReport, "gate/report", LOCKSTEP_QOS)
-        self._sensor = node.create_publisher(Float64, "position", 1)
+        self.sensor = node.create_publisher(Float64, "position", 1)
         self._life = node.create_publisher(Empty, "learner_alive", LOCKSTEP_QOS)
         self._actions = node.create_publisher(Action, "action", LOCKSTEP_QOS)
         node.create_subscription(Command, "command", self._command, LOCKSTEP_QOS)
         node.create_subscription(Observation, "observation", self._answer, LOCKSTEP_QOS)
         node.create_timer(SENSOR_PERIOD_S, self._sense)
         node.create_timer(LIFE_PERIOD_S, self._live)
-        for name in ("start", "stop", "veto"):
+        for name in ("start", "veto"):
             node.add_service(f"robot/{name}", Trigger)
+        node.add_service("robot/pause", SetBool)
         self.gate_state("holding")
 
     def gate_state(self, state: str, reason: str = "") -> None:
@@ -81,7 +82,7 @@ class Bench:
 
     def meet(self) -> None:
         """Wait until the robot node hears all that is said here, and is heard."""
-        told = (self._reports, self._sensor, self._life, self._actions, self._state)
+        told = (self._reports, self.sensor, self._life, self._actions, self._state)
         self.probe.until(lambda: all(each.get_subscription_count() for each in told))
 
     def describe(self) -> DescribeTask.Response:
@@ -149,7 +150,7 @@ class Bench:
 
     def _sense(self) -> None:
         if "sensor" not in self.silent:
-            self._sensor.publish(Float64(data=self.position))
+            self.sensor.publish(Float64(data=self.position))
 
     def _live(self) -> None:
         if "learner" not in self.silent:

@@ -3,7 +3,7 @@
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -137,10 +137,10 @@ def listed(node: Node, topic: str) -> str:
     return f"{node.resolve_topic_name(topic)}: {', '.join(names) or 'no publishers'}"
 
 
-def rivals(node: Node, topics: Iterable[str]) -> str:
-    """Return the topics on which nodes of different names publish, with the nodes, as far as known; empty if none."""
-    names = {t: {full_name(i) for i in node.get_publishers_info_by_topic(t) if i.node_name != UNKNOWN} for t in topics}
-    return "; ".join(listed(node, topic) for topic in names if len(names[topic]) > 1)
+def rivals(node: Node, topic: str) -> str:
+    """Return a topic with its publishers if nodes of different names publish on it, as far as known; empty if not."""
+    known = {full_name(each) for each in node.get_publishers_info_by_topic(topic) if each.node_name != UNKNOWN}
+    return listed(node, topic) if len(known) > 1 else ""
 
 
 def unconnected(node: Node, topic: str, answers: str) -> str:

@@ -25,10 +25,9 @@ ABOUT = {  # arguments of the launch files
     "simulated": "true: also start the simulated robot of the section /**/simulated_robot",
     "namespace": "namespace of all nodes",
     "log_level": "log level of all nodes: debug, info, warn, error or fatal",
-    "use_sim_time": "true: take time stamps from /clock",
 }
-DEFAULTS = {"resume": "false", "namespace": "", "log_level": "info", "use_sim_time": "false"}
-SWITCHES = ("resume", "simulated", "use_sim_time")
+DEFAULTS = {"resume": "false", "namespace": "", "log_level": "info"}
+SWITCHES = ("resume", "simulated")
 
 
 def description(prepare: Callable[[Given], tuple[Collection[str], Path]], **defaults: Any) -> LaunchDescription:
@@ -46,7 +45,7 @@ def description(prepare: Callable[[Given], tuple[Collection[str], Path]], **defa
                 executable=name,
                 namespace=given["namespace"],
                 output="screen",
-                parameters=[str(parameters), {"use_sim_time": given["use_sim_time"] == "true"}],
+                parameters=[str(parameters)],
                 ros_arguments=["--log-level", given["log_level"]],
                 on_exit=_exited(name),
             )

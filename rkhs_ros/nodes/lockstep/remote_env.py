@@ -93,7 +93,7 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         require(good, "domain", f"a whole number from 0 to {LAST_DOMAIN}", repr(domain))
         require(isinstance(timeout, int | float) and timeout > 0, "timeout", "seconds > 0", repr(timeout))
         self.render_mode = render_mode
-        self._session, self._version, self._episodes = fresh_number(), fresh_number(), 0
+        self._session, self._episodes = fresh_number(), 0
         self._heard: _Result | None = None  # the result of the step, until it is returned
         self._last: _Result | None = None  # the last returned result
         self._step = 0  # the awaited or the last one
@@ -163,7 +163,7 @@ class RemoteEnv(gymnasium.Env[Any, Any]):
         self._link.release()
         batch = Batch(self._session, self._episodes, 1, self._horizon, explore=False)
         self._episodes += 1
-        self._link.begin(batch, self._version, seeds=[seed])
+        self._link.begin(batch, fresh_number(), seeds=[seed])
 
     def _hear(self, message: Observation) -> None:
         request, batch = self._link.request, self._link.batch

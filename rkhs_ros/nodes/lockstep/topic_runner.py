@@ -79,6 +79,8 @@ class TopicRunner:
         finally:
             self._record_ended()  # even if the run is stopped, because it may be resumed
         self._simulator.release()
+        if self.is_robot:  # the next version tells the robot node that these can no longer be vetoed
+            self._policy = None
         return Episodes.concatenate(done[part] for part in sorted(done, key=lambda part: part.first_episode))
 
     def _serve(self, policy: GaussianPolicy) -> None:

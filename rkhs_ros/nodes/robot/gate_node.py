@@ -224,7 +224,8 @@ class GateNode(ReportingNode):
         others = sorted({full_name(each) for each in listeners if not _is_simulated(each.node_name)})
         expected = f"arms_itself: expected only simulated robots on {topic}, got {', '.join(others)}" if others else ""
         self.diagnostics.waiting = expected if stands else ""
-        if expected and self._has_armed_itself:
+        are_known = all(each.node_name != UNKNOWN for each in listeners)  # names follow within moments
+        if expected and are_known and self._has_armed_itself:
             self._turn(gate.stopped(self._state, expected))
         if stands and now < self._arm_at:
             return

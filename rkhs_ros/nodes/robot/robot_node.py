@@ -69,7 +69,6 @@ class RobotNode(ReportingNode):
         self.create_service(StartEpisodes, "start_episodes", self._start)
         self.create_service(DescribeTask, "describe_task", self._describe)
         self.create_service(Trigger, "~/start", self._go_on)
-        self.create_service(Trigger, "~/stop", self._stop)
         self.create_service(Trigger, "~/veto", self._veto)
         self.create_service(SetBool, "~/pause", self._pause)
 
@@ -175,12 +174,6 @@ class RobotNode(ReportingNode):
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._motion.paused, response.success = request.data, True
         response.message = f"before the next episode; to continue: {self._motion.call('start')}" if request.data else ""
-        return response
-
-    def _stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._motion.paused, response.success = True, True
-        self._motion.discard("stopped by the operator")
-        response.message = f"to continue: {self._motion.call('start')}"
         return response
 
     def _veto(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -48,7 +48,7 @@ class SensorTopics:
         for topic, kind in self._types.items():
             node.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS, raw=True)
         self._obstacles = node.create_publisher(String, OBSTACLE, LATCHED_QOS)
-        self._published = ""
+        self._published: str | None = None  # a gate may know the obstacle of an earlier node
         self._due = time.monotonic() + CHECK_PERIOD_S
 
     def heard(self) -> dict[str, ReceivedMessage]:
@@ -76,7 +76,10 @@ class SensorTopics:
 
     def _read(self, topic: str) -> ReceivedMessage:
         content, at = self._newest[topic]
-        return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
+        try:
+            return ReceivedMessage(deserialize_message(content, self._types[topic]), at)
+        except RuntimeError as error:  # for example of another version of the type
+            raise SensingError(f"{topic}: cannot decode the message: {truncated(error)}") from error
 
     def _flaw(self, use: Use) -> str:
         """Return the error of the newest message; empty if it is usable, or if there is none."""

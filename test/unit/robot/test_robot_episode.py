@@ -101,6 +101,13 @@ def test_an_action_after_the_deadline_is_recorded_but_not_sent() -> None:
     assert (executed[1], executed[3]) == (executed[0], executed[2])  # what was held
 
 
+def test_late_actions_count_if_the_deadline_is_the_period() -> None:
+    episode = begun(replace(TASK, action_deadline=1.0))
+    play(episode, [0.0, *[PERIOD + 0.004] * 4], lateness=[0.005] * 5)  # each arrives just before a late tick
+    assert episode.misses == TASK.misses_allowed + 1
+    assert "too late" in episode.discard_reason
+
+
 def test_the_last_action_may_arrive_late() -> None:
     episode = begun()
     sent = play(episode, [0.0, 0.01, 0.01, 0.01, 0.4])
