@@ -124,7 +124,7 @@ class DynamicsModel:
             actions: clipped actions, shape (n, m).
             changes: changes of the observations without the prior part, shape (n, d).
         """
-        return self.possible(self.coordinates.add(self.priors.moved(observations, actions), changes))
+        return self.possible(self.coordinates.add(self.priors.moved(observations, actions), changes, observations))
 
     def known_rewards(self, before: Array, actions: Array, after: Array) -> Array:
         """Return the known rewards of decisions, shape (n,): the discounted sum of those of their steps.

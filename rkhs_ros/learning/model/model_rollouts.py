@@ -168,24 +168,33 @@ class ModelRunner:
         self, observations: Array, actions: Array, points: Array, draws: Draws, beyond: NDArray[np.bool_]
     ) -> Episodes:
         """Return the episodes of rollouts with their rewards, each truncated where the model terminates it."""
-        earned = self._rewards(observations, points, draws.rewards)
+        ended = self._ended(observations[:, 1:], draws.limits)
+        terminated = np.asarray(ended.any(axis=1))
+        last = np.where(terminated, ended.argmax(axis=1), ended.shape[1] - 1)
+        earned = self._rewards(observations, points, draws.rewards, last)
         if self._optimism > 0.0:
             earned += self._optimism * self._novelty(points)
         else:
             earned = np.where(beyond, self._model.least_rewards(points[..., -self.spaces.action_dim :]), earned)
-        return self._cut(observations, actions, earned, draws.limits)
+        return self._cut(observations, actions, earned, terminated, last)
 
     def _beyond(self, observations: Array) -> NDArray[np.bool_]:
         """Return whether rollouts have, by the end of each step, reached a limit at which they did not start."""
         at_limits = self._model.at_limits(observations)
         return np.logical_or.accumulate((at_limits[:, 1:] & ~at_limits[:, :1]).any(axis=2), axis=1)
 
-    def _rewards(self, observations: Array, points: Array, drawn: DrawnFunctions | None) -> Array:
-        """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped."""
+    def _rewards(
+        self, observations: Array, points: Array, drawn: DrawnFunctions | None, last: NDArray[np.int_]
+    ) -> Array:
+        """Return the rewards of all steps, shape (N, H): from the prior, or drawn and clipped.
+
+        A prior may be undefined after the ``last`` steps of the rollouts, which are repeated for it, shape (N,).
+        """
         learnt, actions = self._model.rewards, points[..., -self.spaces.action_dim :]
         if learnt is None or drawn is None:
-            steps = (observations[:, :-1], actions, observations[:, 1:])
-            known = self._model.known_rewards(*(each.reshape(-1, each.shape[-1]) for each in steps))
+            rows, steps = np.arange(len(last))[:, None], np.minimum(np.arange(points.shape[1]), last[:, None])
+            parts = (observations[rows, steps], actions[rows, steps], observations[rows, steps + 1])
+            known = self._model.known_rewards(*(each.reshape(-1, each.shape[-1]) for each in parts))
             return known.reshape(points.shape[:2])
         if learnt.depends_on_next:
             points = np.concatenate([self._model.inputs.features(observations[:, 1:]), actions], axis=-1)
@@ -212,13 +221,12 @@ class ModelRunner:
         features = model.inputs.features(model.clip_to_observed(observations))
         return np.asarray(model.termination.expected().along(features)[:, :, 0] > 0)
 
-    def _cut(self, observations: Array, actions: Array, rewards: Array, limits: Array | None) -> Episodes:
-        """Return the episodes, each truncated where the model terminates it."""
+    def _cut(
+        self, observations: Array, actions: Array, rewards: Array, terminated: NDArray[np.bool_], last: NDArray[np.int_]
+    ) -> Episodes:
+        """Return the episodes, each of which ends with its ``last`` step."""
         before, after = observations[:, :-1], observations[:, 1:]
         rows, horizon = rewards.shape
-        ended = self._ended(after, limits)
-        terminated = np.asarray(ended.any(axis=1))
-        last = np.where(terminated, ended.argmax(axis=1), horizon - 1)
         mask = np.arange(horizon) <= last[:, None]
         each = np.arange(rows)
         ends = each[terminated], last[terminated]

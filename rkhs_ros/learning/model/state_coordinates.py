@@ -74,13 +74,17 @@ class StateCoordinates:
         short[:, columns] = _short(changes[:, columns], turns)
         return short
 
-    def add(self, before: Array, changes: Array) -> Array:
-        """Return observations, shape (n, d), after changes."""
+    def add(self, before: Array, changes: Array, near: Array | None = None) -> Array:
+        """Return observations, shape (n, d), after changes; pairs on a circle keep the distance of ``near``, if given.
+
+        The changes are those from ``before``, which may have left the circle.
+        """
         moved = before + changes
         if self.angles:
             moved[:, self.angles] = _short(moved[:, self.angles], self.turns)
         for i, j in self.circles:
-            radius, angle = np.hypot(before[:, i], before[:, j]), _angle(before, i, j) + changes[:, i]
+            on = before if near is None else near
+            radius, angle = np.hypot(on[:, i], on[:, j]), _angle(before, i, j) + changes[:, i]
             moved[:, i], moved[:, j] = radius * np.cos(angle), radius * np.sin(angle)
         return moved
 

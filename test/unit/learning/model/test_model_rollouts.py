@@ -10,6 +10,7 @@ import pytest
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
+from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.learning.model.rewards import reward_depends_on_action_only
 from rkhs_ros.learning.model.transitions import points_of
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -339,8 +340,8 @@ def test_splitting_a_batch_gives_bit_identical_rollouts(rng: np.random.Generator
     policy, batch = policy_of(rng, inputs), batch_of(13)
     whole = runner.collect(policy, batch)
     assert_bit_identical(whole, runner.collect(policy, batch))
-    for parts in (2, 13):
-        first, *rest = (runner.collect(policy, part) for part in batch.split(parts))
+    for size in (7, 1):
+        first, *rest = (runner.collect(policy, part) for part in batch.parts(size))
         assert_bit_identical(whole, sum(rest, start=first))
 
 
@@ -382,7 +383,8 @@ def test_changes_are_functions_of_the_policy_inputs(rng: np.random.Generator) ->
     np.testing.assert_allclose(rollouts.flat(rollouts.rewards), np.clip(earned, *model.rewards.limits), atol=1e-9)
 
 
-def test_rollouts_stay_on_circles(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("is_known", [False, True])
+def test_rollouts_stay_on_circles(rng: np.random.Generator, is_known: bool) -> None:
     def turn(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
         angle = np.arctan2(observations[:, 1], observations[:, 0]) + 0.3 * np.clip(actions[:, 0], -1.0, 1.0)
         return np.column_stack([np.cos(angle), np.sin(angle)])
@@ -397,7 +399,8 @@ def test_rollouts_stay_on_circles(rng: np.random.Generator) -> None:
     episodes = Episodes(
         observations[:, :-1], actions, observations[:, 1:, 0], mask, observations[rows, -1], ~mask[:, 0]
     )
-    model = DynamicsModel.fit(episodes, Inputs(), SPACES, 40)
+    euler = Priors(dynamics_fn=lambda now, done: 0.3 * done * np.column_stack([-now[:, 1], now[:, 0]]))
+    model = DynamicsModel.fit(episodes, Inputs(), SPACES, 40, euler if is_known else Priors())
     rollouts = ModelRunner(model).collect(policy_of(rng), batch_of(20, horizon=HORIZON))
     now, done, following = transitions(rollouts)
     np.testing.assert_allclose(np.hypot(*following.T), 1.0, atol=1e-9)

@@ -78,6 +78,18 @@ def test_prior_rewards_and_termination_match_the_task_exactly(rng: np.random.Gen
     assert (rollouts.mask.sum(axis=1)[~rollouts.terminated] == HORIZON).all()
 
 
+def test_a_prior_reward_may_be_undefined_after_the_end(rng: np.random.Generator) -> None:
+    def defined(now: np.ndarray, actions: np.ndarray, then: np.ndarray) -> np.ndarray:
+        assert not over(now).any()
+        return task_reward(now, actions)
+
+    priors = Priors(reward_fn=defined, termination_fn=over)
+    model = DynamicsModel.fit(simulated_episodes(rng, rows=10, ending=True), Inputs(), SPACES, 30, priors)
+    model = replace(model, starts=np.zeros((1, 2)), starts_vary=False)
+    rollouts = ModelRunner(model, visited_starts=False).collect(policy_of(rng), batch_of(80))
+    assert rollouts.terminated.any()
+
+
 def test_prior_dynamics_leave_only_the_noise(rng: np.random.Generator) -> None:
     before, after = simulated_episodes(rng, rows=6), simulated_episodes(rng, rows=20)
     prior = prediction_error(before, after, Inputs(), SPACES, 30, PRIOR_DYNAMICS)
