@@ -161,7 +161,8 @@ class VectorEnvBatch:
             observations = self._with_final(observations, terminated | truncated, info)
         used = slice(self._count)
         rewards = np.asarray(rewards).reshape(len(actions))
-        return self._flat(observations), rewards[used], terminated[used], truncated[used]
+        # Copies, since the vector environment may use its arrays again.
+        return self._flat(observations), rewards[used], terminated[used].copy(), truncated[used].copy()
 
     def _with_final(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
         """Return the observations, with the final observation of each ended episode in every autoreset mode."""
@@ -177,7 +178,7 @@ class VectorEnvBatch:
 
     def _flat(self, observations: Any) -> Array:
         array = _real(observations, np.float64, (len(observations), *(self.observation_space.shape or ())))
-        return array.reshape(len(array), -1)[: self._count]
+        return array.reshape(len(array), -1)[: self._count].copy()
 
     def close(self) -> None:
         """Close the vector environments."""

@@ -7,13 +7,14 @@ from typing import Any
 import gymnasium
 from gymnasium import Env
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import VectorEnv, VectorWrapper
 
 from rkhs_ros.base.user_code import is_interrupt, isolated_from_user_code, user_module
 from rkhs_ros.base.validation import hint, require, truncated
 from rkhs_ros.rollouts.env_batch import AnyEnv, AnyVectorEnv, EnvBatch, SeparateEnvs, VectorEnvBatch
 
 Source = str | AnyEnv | AnyVectorEnv | Callable[[], AnyEnv | AnyVectorEnv]
+OF_MAKE_VEC = {"num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "max_episode_steps"}  # its arguments
 
 
 def spec_of(environment: str) -> EnvSpec:
@@ -71,7 +72,8 @@ def name_of(source: Source) -> str:
         return source
     spec = getattr(source, "spec", None)
     unwrapped = getattr(source, "unwrapped", source)
-    if spec is not None and not spec.additional_wrappers:
+    is_wrapped = isinstance(source, VectorWrapper) or (spec is not None and spec.kwargs.get("wrappers"))
+    if spec is not None and not is_wrapped and not spec.additional_wrappers:
         return str(spec.id)
     return str(getattr(source, "__name__", type(unwrapped).__name__))
 
@@ -80,7 +82,8 @@ def options_of(source: Source) -> dict[str, Any]:
     """Return the options with which an environment was created from its id."""
     spec = getattr(source, "spec", None)
     kwargs = {} if spec is None else dict(spec.kwargs)
-    return {name: value for name, value in kwargs.items() if name != "render_mode"}
+    others = {"render_mode"} | (OF_MAKE_VEC if isinstance(source, VectorEnv) else set())
+    return {name: value for name, value in kwargs.items() if name not in others}
 
 
 def time_limit(source: Source, options: Mapping[str, Any] | None = None) -> int | None:

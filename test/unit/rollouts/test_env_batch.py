@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Tuple
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import TransformReward
 
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch
@@ -161,6 +162,30 @@ def test_an_instance_has_id_and_options_unless_wrapped() -> None:
     assert (made.environment, made.options) == ("MountainCarContinuous-v0", {"goal_velocity": 0.01})
     wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
     assert Simulation(wrapped).environment == "PendulumEnv"
+    several = {"num_envs": 2, "vectorization_mode": "sync"}
+    made = Simulation(gymnasium.make_vec("Pendulum-v1", **several, g=9.0))
+    assert (made.environment, made.options) == ("Pendulum-v1", {"g": 9.0})
+    doubled = [lambda env: gymnasium.wrappers.TransformReward(env, lambda reward: 2 * reward)]
+    for vector in (
+        gymnasium.make_vec("Pendulum-v1", **several, wrappers=doubled),
+        TransformReward(gymnasium.make_vec("Pendulum-v1", **several), lambda reward: 2 * reward),
+    ):
+        made = Simulation(vector)
+        assert (made.environment, made.options) == ("SyncVectorEnv", {})
+
+
+def test_the_arrays_of_a_vector_environment_are_copied() -> None:
+    class Reused(OldGenerator):
+        observation_space = Box(-1.0, 1.0, (2,), np.float64)
+
+    batch = env_batch_of(SyncVectorEnv([Reused] * 2, copy=False))
+    first = batch.reset([1, 2], 5)
+    observations, _, terminated, _ = batch.step(np.zeros((2, 1)), np.ones(2, dtype=bool))
+    known = first.copy(), observations.copy()
+    again = batch.reset([3, 4], 5)
+    assert not np.array_equal(first, again)
+    np.testing.assert_array_equal((first, observations), known)
+    assert terminated.base is None
 
 
 class OldGenerator(gymnasium.Env[Any, Any]):
