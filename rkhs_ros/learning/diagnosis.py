@@ -10,7 +10,7 @@ from math import inf, isnan, nan
 import numpy as np
 
 from rkhs_ros.learning.episodes import Episodes
-from rkhs_ros.learning.iteration import Iteration
+from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.policies.spaces import Spaces
 
 PATIENCE = 5  # iterations for which a sign lasts; returns of fewer often differ by luck
@@ -166,15 +166,15 @@ class Diagnosis:
 
     def advise(self, iteration: Iteration) -> Advice | None:
         """Return the advice for an iteration, None if there is none or it was given before."""
-        self._recent.append(summary_of(iteration, self._spaces))
+        episodes = iteration.exploration, iteration.evaluation
+        self._recent.append(summary_of(iteration, *episodes, self._spaces))
         advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
         self._given.add(str(advice))
         return advice
 
 
-def summary_of(iteration: Iteration, spaces: Spaces) -> Summary:
-    """Return the summary of an iteration."""
-    exploration, evaluation = iteration.exploration, iteration.evaluation
+def summary_of(iteration: Iteration | Row, exploration: Episodes, evaluation: Episodes, spaces: Spaces) -> Summary:
+    """Return the summary of an iteration, from its returns and its episodes, of which evaluations may be none."""
     rewards = np.concatenate([each.flat(each.rewards) for each in (exploration, evaluation)])
     return Summary(
         exploration_return=iteration.exploration_return,

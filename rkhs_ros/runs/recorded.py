@@ -10,6 +10,7 @@ from typing import Protocol
 
 from rkhs_ros.base.files import sync_to_disk
 from rkhs_ros.base.validation import require
+from rkhs_ros.learning.diagnosis import Summary, summary_of
 from rkhs_ros.learning.episodes import Episodes, Record
 from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.replay import check_actions
@@ -81,9 +82,9 @@ class RecordingRunner:
         return episodes
 
 
-# What a run has reached when it begins or resumes: the runner of the further episodes, the state, and the rows and the
-# policies of the finished iterations.
-Progress = tuple[RecordingRunner, State, Sequence[Row], Sequence[GaussianPolicy]]
+# What a run has reached when it begins or resumes: the runner of the further episodes, the state, and the rows, the
+# policies and the summaries of the finished iterations.
+Progress = tuple[RecordingRunner, State, Sequence[Row], Sequence[GaussianPolicy], Sequence[Summary]]
 
 
 @contextmanager
@@ -119,7 +120,9 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, is_robot
         if is_new:
             recorder.begin(head)
         policies = [held.policies[update.policy_version] for update in held.updates]
-        yield RecordingRunner(runner, recorder, file, later), state, _rows(held, folder), policies
+        rows = _rows(held, folder)
+        summaries = _summaries(held, rows, training, runner.spaces)
+        yield RecordingRunner(runner, recorder, file, later), state, rows, policies, summaries
     finally:
         runner.record = record_before
         recorder.close()
@@ -170,6 +173,24 @@ def _rows(held: Recording, folder: Path) -> list[Row]:
     last = max(seconds.values(), default=0.0)
     known = [{name: getattr(each, name) for name in Row._fields if name != "seconds"} for each in held.updates]
     return [Row(**each, seconds=seconds.get(each["iteration"], last)) for each in known]
+
+
+def _summaries(held: Recording, rows: Sequence[Row], training: Training, spaces: Spaces) -> list[Summary]:
+    """Return the summaries of the updates, for the diagnosis of the run."""
+    episodes, summaries = held.by_numbers(), []
+
+    def of(first: int, count: int, *, explore: bool) -> Episodes:
+        batch = Batch(training.seed, first, count, training.horizon, explore=explore)
+        return Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
+
+    explored = evaluated = 0
+    for row, update in zip(rows, held.updates, strict=True):
+        exploration = of(explored, training.episodes_per_iteration, explore=True)
+        count = update.evaluation_episodes - evaluated
+        evaluation = of(evaluated, count, explore=False) if count else exploration.take(slice(0))
+        summaries.append(summary_of(row, exploration, evaluation, spaces))
+        explored, evaluated = update.episodes, update.evaluation_episodes
+    return summaries
 
 
 def _changes(before: Sequence[str], now: Sequence[str]) -> str:

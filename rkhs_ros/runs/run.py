@@ -8,7 +8,7 @@ from typing import Any
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.diagnosis import Advice, Diagnosis, Summary
+from rkhs_ros.learning.diagnosis import Advice, Diagnosis
 from rkhs_ros.learning.episodes import discard
 from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.training import train
@@ -82,15 +82,11 @@ def training_steps(
         require(resume or not is_started(folder), f"{folder}", "a new or empty folder for the results", "a run")
         if not is_started(folder):
             begin(folder, config)
-        with recorded(config, runner, folder, is_robot=is_robot) as (recorder, state, rows, policies):
+        with recorded(config, runner, folder, is_robot=is_robot) as (recorder, state, rows, policies, earlier):
             events = logged(folder, rows) if tensorboard else nullcontext(lambda row: None)
             report = Report(folder, config, runner.spaces, rows, policies)  # replaces earlier results from here on
             bar = progress_bar(config.training, len(rows), quiet=quiet, folder=folder)
             with finished(report), events as log_row, bar as show:
-                earlier = [
-                    Summary(row.exploration_return, row.evaluation_return, row.model_return, row.model_error)
-                    for row in report.rows
-                ]
                 diagnosis = Diagnosis(runner.spaces, earlier, advice_in(folder))
                 for iteration in train(config.training, recorder, state):
                     recorder.updated(iteration)

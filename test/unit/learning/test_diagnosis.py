@@ -129,13 +129,13 @@ def toy() -> list[Iteration]:
 
 def test_the_summary_of_an_iteration_has_its_figures(toy: list[Iteration]) -> None:
     spaces, last = InlineRunner(Simulation("rkhs/Toy-v0")).spaces, toy[-1]
-    summary = summary_of(last, spaces)
+    summary = summary_of(last, last.exploration, last.evaluation, spaces)
     assert (summary.evaluation_return, summary.model_error) == (last.evaluation_return, last.model_error)
     rewards = np.concatenate([last.exploration.rewards, last.evaluation.rewards])
     assert (summary.lowest_reward, summary.highest_reward) == (rewards.min(), rewards.max())
     assert (summary.terminates, summary.is_cut) == (False, False)
     wide = replace(last.evaluation, actions=last.evaluation.actions + 100.0)
-    assert summary_of(replace(last, evaluation=wide), spaces).saturated == 1.0
+    assert summary_of(last, last.exploration, wide, spaces).saturated == 1.0
 
 
 def test_a_task_that_truncates_its_episodes_is_noticed() -> None:
@@ -143,7 +143,8 @@ def test_a_task_that_truncates_its_episodes_is_noticed() -> None:
         return gymnasium.wrappers.TimeLimit(gymnasium.make("rkhs/Toy-v0"), 10)
 
     runner = InlineRunner(Simulation(env))
-    assert [summary_of(each, runner.spaces).is_cut for each in train(TRAINING, runner)] == [True] * 3
+    for each in train(TRAINING, runner):
+        assert summary_of(each, each.exploration, each.evaluation, runner.spaces).is_cut
 
 
 def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:

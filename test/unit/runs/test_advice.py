@@ -32,7 +32,10 @@ def runner() -> InlineRunner:
 
 
 def test_a_run_stores_its_advice_once_and_the_page_shows_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run_training(CONFIG, runner(), tmp_path / "run")
+    begun = replace(CONFIG, training=replace(TRAINING, iterations=2))  # fewer than the advice needs
+    folder = run_training(begun, runner(), tmp_path / "run", quiet=True)
+    assert not advice_in(folder)
+    run_training(CONFIG, runner(), folder, resume=True)
     assert advice_in(folder) == [str(CONSTANT)]
     assert capsys.readouterr().err.count(str(CONSTANT)) == 1
     longer = replace(CONFIG, training=replace(TRAINING, iterations=8))
