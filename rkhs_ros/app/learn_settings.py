@@ -110,7 +110,10 @@ def training_in(simulation: Simulation, algorithm: Algorithm | str | None, setti
     require(not isinstance(algorithm, type), "algorithm", "an instance such as RKHSNAC()", algorithm)
     if not isinstance(algorithm, str | None):
         given["algorithm"] = algorithm
-    return replace(untuned, **given)
+    training = replace(untuned, **given)
+    degree, expected = given.get("inputs", training.inputs).degree, "0, since the kernel `monomials` sets it"
+    require(degree in (0, training.inputs.degree), "inputs.degree", expected, degree)
+    return training
 
 
 def _meant(name: str, known: Iterable[str]) -> str:

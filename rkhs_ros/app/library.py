@@ -30,6 +30,7 @@ from rkhs_ros.learning.training import train as iterations_of
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.policy import Policy, load
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import packed, policy_arrays
 from rkhs_ros.rollouts.environments import Source
 from rkhs_ros.rollouts.evaluation import FinalEvaluation, final_evaluation
@@ -191,7 +192,7 @@ def _results(
         config = Config(Environment(simulation.environment, simulation.options, num_envs), training)
         first = first_state(training, simulation.spaces, given)
         if out is not None:
-            _make_folder(Path(out), config, given, resume=resume)
+            _make_folder(Path(out), config, given, simulation.spaces, resume=resume)
         undo.pop_all()
     if "horizon" not in settings:
         warn_of_horizon(simulation, training.horizon)
@@ -203,7 +204,9 @@ def _results(
     return _run(config, runner, _in_folder(folder, steps))
 
 
-def _make_folder(out: Path, config: Config, first_policy: GaussianPolicy | None, *, resume: bool) -> None:
+def _make_folder(
+    out: Path, config: Config, first_policy: GaussianPolicy | None, spaces: Spaces, *, resume: bool
+) -> None:
     """Create the folder of a new run with its initial policy, unless it contains a run to resume."""
     kernel, options = config.training.kernel, dict(config.environment.options)
     expected = "a text or a KernelChoice, such as KernelChoice(bandwidth=0.5), which out= can store in config.yaml"
@@ -222,7 +225,7 @@ def _make_folder(out: Path, config: Config, first_policy: GaussianPolicy | None,
         require(bool(same), "policy", f"none, or the initial policy of the run in {out}", "another one")
         return
     new_folder(out, config.training.name)
-    start_from(out, config, first_policy)
+    start_from(out, config, first_policy, spaces)
 
 
 # Iterations with the curve so far, the best policy so far and, after the last one, the final evaluation.

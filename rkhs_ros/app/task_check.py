@@ -11,6 +11,7 @@ from rkhs_ros.learning.discovery import (
     CHANGE,
     FEWEST_DECISIONS,
     FEWEST_STEPS,
+    LONGEST_HISTORY,
     change_per_decision,
     choose_action_repeat,
     discover_inputs,
@@ -40,6 +41,7 @@ class TaskCheck:
     change_per_decision: float  # with this action repeat
     longest_repeat: int  # that could have been chosen
     inputs: Inputs  # with the angles and the history that the data reveal
+    given_history: int
     inputs_may_change: bool  # False if other settings depend on the inputs, which are then not searched
     decisions: int  # with this action repeat
 
@@ -65,6 +67,7 @@ class TaskCheck:
             change_per_decision=change_per_decision(features, repeat),
             longest_repeat=longest_repeat(features),
             inputs=inputs,
+            given_history=training.inputs.history,
             inputs_may_change=may_change,
             decisions=decisions.count,
         )
@@ -140,7 +143,11 @@ class TaskCheck:
         if self.decisions < FEWEST_STEPS:
             return f"not tested: {self.decisions} decisions of at least {FEWEST_STEPS}; raise --episodes"
         history = self.inputs.history
-        return f"inputs.history={history} predicts better" if history > 1 else "a longer one does not help"
+        if history > self.given_history:
+            return f"inputs.history={history} predicts better"
+        if history >= LONGEST_HISTORY:
+            return f"more than {LONGEST_HISTORY} is not tested"
+        return "a longer one does not help"
 
     def _reward_varies(self) -> bool:
         return bool(np.ptp(self.episodes.flat(self.episodes.rewards)) > 0)

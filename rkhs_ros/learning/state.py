@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rkhs_ros.base.validation import numbers, require
+from rkhs_ros.learning.algorithms.function_spaces import Grid
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.training_settings import AUTO, ModelBased, Training
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -79,6 +80,8 @@ def _check_kernel(training: Training, input_dim: int) -> None:
     kernel = training.kernel.fit(origin, training.inputs.ages)
     kernel(origin, origin)
     training.algorithm.check_kernel(kernel)
+    if isinstance(training.algorithm, Grid):
+        training.algorithm.grid_centres(input_dim)
 
 
 def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy | None = None) -> State:
@@ -102,6 +105,7 @@ def first_state(training: Training, spaces: Spaces, warm_start: GaussianPolicy |
         if training.action_repeat == AUTO:
             policy = replace(policy, action_repeat=warm_start.action_repeat)
         policy = policy.with_mean(_checked_mean(warm_start, policy))
+        training.algorithm.check_kernel(policy.mean.kernel)
     memory = Episodes.none(training.horizon, spaces.observation_dim, spaces.action_dim)
     is_model_based = isinstance(training.model, ModelBased)
     return State(0, policy, policy, memory if is_model_based else memory.with_inputs(policy.inputs), 0, 0, 0)
@@ -167,11 +171,6 @@ class Known(NamedTuple):
     def at(cls, state: State, training: Training) -> Known:
         """Return what is known in a state of a run."""
         return cls(0 if chooses_action_repeat(state, training) else state.policy.action_repeat, state.policy.inputs)
-
-    @classmethod
-    def of(cls, training: Training) -> Known:
-        """Return what the settings of a run specify."""
-        return cls(training.action_repeat if isinstance(training.action_repeat, int) else 0, training.inputs)
 
 
 def settings_of(before: Known, after: Known) -> list[str]:

@@ -13,6 +13,7 @@ from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.model.priors import Priors
 from rkhs_ros.policies.gaussian import MOST_REPEAT
 from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.streams import MAX_BATCH_SAMPLES
 
 AUTO = "auto"
 DISCOVERIES = ("none", "angles", "all")
@@ -114,6 +115,8 @@ class Training(Settings):
         searches = isinstance(getattr(self.algorithm, "step", None), LineSearch)
         good = not (searches and isinstance(self.model, ModelBased))
         require(good, "algorithm.step.rule", "fixed or kl for model.form=gaussian_process", "line_search")
+        steps, most = self.num_envs * self.horizon, f"at most {MAX_BATCH_SAMPLES} steps in the episodes of an iteration"
+        require(steps <= MAX_BATCH_SAMPLES, "horizon", most, steps)
         plain = self.name.isprintable() and self.name not in ("", "..") and Path(self.name).name == self.name
         require(plain, "name", "a valid folder name", repr(self.name))
 

@@ -27,7 +27,7 @@ class GaussianPolicy:
         mean: the function h.
         variance: the diagonal of Sigma.
         inputs: computes the inputs of mean and variance from the history; the methods take them as ``observations``.
-        noise: correlation of the exploration over an episode, one of ``NOISES``; it does not change the marginal
+        noise: correlation of the exploration over an episode, one of ``FILTERS``; it does not change the marginal
             distribution of a single action.
         action_repeat: number of steps for which the policy holds an action; it decides at steps 0, N, 2 N, ...
     """

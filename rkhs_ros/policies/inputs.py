@@ -17,6 +17,8 @@ from rkhs_ros.base.validation import require
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.rkhs.kernels import Array
 
+MOST_INPUTS = 100_000  # numbers of an observation or an input
+
 
 @dataclass(frozen=True)
 class Inputs(Settings):
@@ -97,12 +99,14 @@ class Inputs(Settings):
         """Return the dimension of the inputs.
 
         Raises:
-            ValueError: an angle is not a column of the observation.
+            ValueError: an angle is not a column of the observation, or there are too many inputs.
         """
         self._check_angles(observation_dim)
         observed = observation_dim + len(self.columns)
         size = observed if self.history == 1 else self.history * (observed + action_dim)
-        return comb(size + self.degree, self.degree) if self.degree else size
+        size = comb(size + self.degree, self.degree) if self.degree else size
+        require(size <= MOST_INPUTS, "inputs", f"at most {MOST_INPUTS} numbers", size)
+        return size
 
     def unfold(self, observations: Array, actions: Array) -> Array:
         """Return the inputs at all steps, shape (num_envs, horizon, input_dim).

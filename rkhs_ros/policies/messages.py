@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.validation import require, require_finite
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.inputs import MOST_INPUTS, Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.variance import ConstantVariance, Variance, parts_of, variance_from
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import Array, Kernel, kernel_from_terms
 
-MOST_INPUTS, MOST_ACTIONS = 100_000, 1_000  # largest dimensions of a policy
+MOST_ACTIONS = 1_000  # of a policy
 FLOATS = ("float32", "float64")  # types of actions
 PARTS = {  # of each kind of variance, see `parts_of`
     "constant": ("values",),

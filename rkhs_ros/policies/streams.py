@@ -68,14 +68,10 @@ class Batch:
         """Return a batch with the episodes of environments ``begin`` to ``end - 1``, where ``begin < end``."""
         return replace(self, first_episode=self.first_episode + begin, num_envs=end - begin)
 
-    def split(self, parts: int) -> list[Batch]:
-        """Split the batch in order into ``parts`` batches of similar size; fewer if there are fewer environments."""
-        ends = [self.num_envs * part // parts for part in range(parts + 1)]
-        return [self.part(begin, end) for begin, end in pairwise(ends) if end > begin]
-
     def parts(self, num_envs: int) -> list[Batch]:
-        """Split the batch in order into batches of at most ``num_envs`` environments."""
-        return self.split(-(-self.num_envs // num_envs))
+        """Split the batch in order into batches of similar size, of at most ``num_envs`` environments."""
+        count = -(-self.num_envs // num_envs)
+        return [self.part(*ends) for ends in pairwise(self.num_envs * part // count for part in range(count + 1))]
 
     def environment_seeds(self) -> list[int]:
         """Return the seed of each environment."""
@@ -126,4 +122,3 @@ def pink(white: Array) -> Array:
 
 # Filters of exploration noise by name; each maps standard normal draws of shape (num_envs, horizon, n) to noise.
 FILTERS: dict[str, Callable[[Array], Array]] = {"white": lambda white: white, "pink": pink}
-NOISES = tuple(FILTERS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
@@ -84,11 +84,6 @@ class Function:
     def scale(self, factor: float) -> Function:
         """Return the function multiplied by a number."""
         return Function(self.kernel, self.centres, factor * self.weights, tuple(factor * b for b in self.bias))
-
-    @property
-    def unbiased(self) -> Function:
-        """The part in the RKHS."""
-        return replace(self, bias=())
 
 
 @dataclass(frozen=True)

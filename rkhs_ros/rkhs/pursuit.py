@@ -214,7 +214,6 @@ def sparsify(function: Function, points: Array, *, budget: int) -> Pursuit:
         points: points at which its values are fitted, shape (n, d).
         budget: maximum number of centres.
     """
-    fit = pursue(
-        function.kernel, points, function.unbiased(points), function.centres, budget=budget, ridge=SPARSIFICATION_RIDGE
-    )
+    values = replace(function, bias=())(points)
+    fit = pursue(function.kernel, points, values, function.centres, budget=budget, ridge=SPARSIFICATION_RIDGE)
     return replace(fit, function=replace(fit.function, bias=function.bias))

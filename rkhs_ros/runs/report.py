@@ -168,12 +168,12 @@ def begin(folder: Path, config: Config) -> None:
     write_whole(folder / CONFIGURATION, resolved(config).encode())
 
 
-def start_from(folder: Path, config: Config, policy: GaussianPolicy | None) -> None:
+def start_from(folder: Path, config: Config, policy: GaussianPolicy | None, spaces: Spaces) -> None:
     """Prepare the folder of a run that has not started: with an initial policy, or None for the default."""
     file = folder / INITIAL_POLICY
     file.unlink(missing_ok=True)  # left by a run that was killed before it started
     if policy is not None:
-        save_policy(file, policy, config.task)
+        save_policy(file, policy, config.task, spaces)
 
 
 def initial_policy(folder: Path) -> GaussianPolicy | None:

@@ -116,10 +116,13 @@ def compare(folders: str | Path | Iterable[str | Path], labels: Mapping[Path, st
     runs, empty = _found(places)
     require(len(runs) > 0, f"{(empty or places)[0]}", "a run with at least one iteration", "none")
     notes = [f"Omitted, since it has no finished iteration: {folder}." for folder in empty]
-    groups = _grouped(runs)
     task = _common_task(runs)
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
     limit = shortest.rows[-1].episodes
+    late = [run.folder for run in runs if run.rows[0].episodes > limit]
+    notes += [f"Omitted, since it has no iteration within {limit} exploration episodes: {folder}." for folder in late]
+    runs = [run for run in runs if run.folder not in late]
+    groups = _grouped(runs)
     cut = any(run.rows[-1].episodes > limit for run in runs)
     if cut:
         notes.append(f"Compared up to exploration episode {limit}, the end of the shortest run: {shortest.folder}.")
@@ -196,8 +199,6 @@ def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[s
 
 def _curve(label: str, runs: list[Run], limit: int) -> LearningCurve:
     within = [[row for row in run.rows if row.episodes <= limit] for run in runs]
-    for run, rows in zip(runs, within, strict=True):
-        require(len(rows) > 0, f"{run.folder}", f"an iteration within {limit} exploration episodes", "none")
     length = min(map(len, within))
 
     def column(name: str) -> Array:

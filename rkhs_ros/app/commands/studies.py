@@ -118,8 +118,8 @@ def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], 
     short = last if len(set(last)) == len(last) else names
     drawn = ((point, path) for (point, _), path in folders.items() if point in ranked[:MOST_DRAWN])
     labels = {path: ", ".join(map("{}={}".format, short, _settings(names, point).values())) for point, path in drawn}
-    draw_comparison(out / "comparison.png", compare(list(labels), labels))
     print(table)
+    draw_comparison(out / "comparison.png", compare(list(labels), labels))
     print(f"Medians over the seeds. Tables and picture: {out}/runs.csv, medians.csv, medians.md and comparison.png")
 
 

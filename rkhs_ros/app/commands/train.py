@@ -17,6 +17,7 @@ from rkhs_ros.learning.algorithms.registry import ALGORITHMS
 from rkhs_ros.learning.state import first_state
 from rkhs_ros.pictures.run_pictures import draw_run
 from rkhs_ros.policies.gaussian import GaussianPolicy
+from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.runs.config import Config, load_config
@@ -110,20 +111,21 @@ def _configuration(options: argparse.Namespace, file: Path | None) -> Config:
     return config
 
 
-def _checked(options: argparse.Namespace, config: Config) -> tuple[InlineRunner | None, GaussianPolicy | None]:
-    """Check that a run can start; return its runner in this process, None for a robot, and its initial policy."""
+def _checked(options: argparse.Namespace, config: Config) -> tuple[InlineRunner | None, GaussianPolicy | None, Spaces]:
+    """Check that a run can start; return its runner in this process, None for a robot, initial policy and spaces."""
     runner = None if config.environment.nodes else runner_of(config.environment)
     policy = load_policy(options.policy)[0] if options.policy else None
-    first_state(config.training, runner.spaces if runner else check_robot(config), policy)
+    spaces = runner.spaces if runner else check_robot(config)
+    first_state(config.training, spaces, policy)
     if runner and not options.quiet and not options.resume:  # a resumed run has printed it
         warn_of_horizon(runner.simulation, config.training.horizon)
-    return runner, policy
+    return runner, policy, spaces
 
 
 def _prepared(options: argparse.Namespace) -> tuple[Config, InlineRunner | None, Path]:
     """Return the configuration of a run, its runner in this process, None over topics, and its existing folder."""
     config = _configuration(options, old_folder(options.resume) / "config.yaml" if options.resume else options.config)
-    runner, policy = _checked(options, config)
+    runner, policy, spaces = _checked(options, config)
     if _is_over_topics(options.runner):
         if runner:
             runner.simulation.close()  # hardware can be open only once, and the simulator node opens it
@@ -133,7 +135,7 @@ def _prepared(options: argparse.Namespace) -> tuple[Config, InlineRunner | None,
         runner = runner or runner_of(config.environment)
     folder = options.resume or new_folder(options.out, config.training.name)
     if not options.resume:
-        start_from(folder, config, policy)
+        start_from(folder, config, policy, spaces)
     return config, runner, folder
 
 
@@ -214,7 +216,7 @@ def _train_several(options: argparse.Namespace) -> int:
 def _begun(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
     """Start a run for each seed, so that each can be resumed; return their parent, and the runs by absolute folder."""
     seeds, config = parse_seeds(options.seeds), _configuration(options, options.config)
-    runner, policy = _checked(options, config)
+    runner, policy, spaces = _checked(options, config)
     if runner:
         runner.simulation.close()
     folder = new_folder(options.out, config.training.name)
@@ -223,6 +225,6 @@ def _begun(options: argparse.Namespace) -> tuple[Path, dict[Path, Config]]:
         path = folder.resolve() / f"{PREFIX}{seed}"
         runs[path] = replace(config, training=replace(config.training, seed=seed))
         path.mkdir()
-        start_from(path, runs[path], policy)
+        start_from(path, runs[path], policy, spaces)
         begin(path, runs[path])
     return folder, runs

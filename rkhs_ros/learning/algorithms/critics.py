@@ -6,8 +6,8 @@ They assume that the advantage is compatible with the policy, that is, linear in
 
 Then w is the natural gradient. A critic has one equation per step or per episode, and solves its equations by ridge
 regression or by kernel matching pursuit. It returns coefficients in the samples' basis. In a Newton basis, the squared
-norm of the coefficients is the squared RKHS norm of the function. In the coordinates of a linear kernel, ridges weight
-each squared coefficient by the mean square of its column, so the scale of the coordinates has no effect.
+norm of the coefficients is the squared RKHS norm of the function. In the coordinates of a linear kernel, ridge
+regression weights each squared coefficient by the mean square of its column, so their scale has no effect.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Function spaces of the search: the RKHS with few centres, or the span of kernel functions on a grid."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
@@ -71,13 +71,19 @@ class Grid(Settings):
 
     def samples(self, policy: GaussianPolicy, episodes: Episodes) -> Samples:
         """Return the steps of episodes in the basis of the grid's kernel functions."""
-        return Samples.on_centres(policy, episodes, self._centres(policy.mean.input_dim))
+        return Samples.on_centres(policy, episodes, self.grid_centres(policy.mean.input_dim))
 
     def move(self, policy: GaussianPolicy, direction: Function, points: Array) -> tuple[GaussianPolicy, float]:
         """Return the policy with the direction's weights added, and an error of 0."""
-        return policy.with_mean(policy.mean + direction), 0.0
+        mean, own = policy.mean, len(direction.centres)
+        others = len(mean.centres) - own  # of an initial policy
+        if others <= 0 or not np.array_equal(mean.centres[others:], direction.centres):
+            return policy.with_mean(mean + direction), 0.0
+        weights = np.concatenate([mean.weights[:others], mean.weights[others:] + direction.weights])
+        return policy.with_mean(replace(mean, weights=weights)), 0.0
 
-    def _centres(self, d: int) -> Array:
+    def grid_centres(self, d: int) -> Array:
+        """Return the centres for d inputs, shape (m, d); raise ValueError if they do not fit."""
         axes = np.reshape(self.grid, (-1, 3))
         require(d % len(axes) == 0, "algorithm.grid", f"3 numbers, or 3 for each of {d} inputs", len(self.grid))
         low, high, counts = np.tile(axes, (d // len(axes), 1)).T

@@ -12,7 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 import rkhs_interfaces.msg as msg
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
-from rkhs_ros.policies.messages import MOST_INPUTS, doubles, spaces_fields, viewed
+from rkhs_ros.policies.inputs import MOST_INPUTS
+from rkhs_ros.policies.messages import doubles, spaces_fields, viewed
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.rkhs.kernels import Array
 

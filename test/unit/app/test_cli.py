@@ -12,6 +12,7 @@ from rkhs_ros.app.cli import COMMANDS
 from rkhs_ros.app.task_check import TaskCheck
 from rkhs_ros.base import validation
 from rkhs_ros.learning.episodes import Episodes
+from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.storage import Task, load_policy, save_policy
 from rkhs_ros.policies.streams import Batch
@@ -223,6 +224,23 @@ def test_inputs_that_training_keeps_are_not_searched(rkhs: Run, fixed: tuple[str
     not_tested = "not tested, since kernel.form, the grid or kernel.bandwidth depends on the inputs"
     assert values["angles"] == values["history"] == not_tested
     assert "inputs" not in values["last"]
+
+
+@pytest.mark.parametrize(
+    ("history", "expected"), [(1, "predicts better"), (2, "longer"), (4, "more than 3 is not tested")]
+)
+def test_a_history_is_compared_with_the_given_one(history: int, expected: str) -> None:
+    rng = np.random.default_rng(0)
+    observed = np.zeros((4, 101, 1))
+    actions = rng.uniform(-1.0, 1.0, (4, 100, 1))
+    velocity = np.zeros((4, 1))
+    for t in range(100):  # only the position is observed
+        velocity = 0.9 * velocity + 0.3 * actions[:, t] - 0.2 * observed[:, t]
+        observed[:, t + 1] = observed[:, t] + velocity
+    episodes = Episodes.without_ends(observed[:, :-1], actions, observed[:, 1:, 0], np.ones((4, 100), dtype=bool))
+    training = model_free(inputs=Inputs(history=history), action_repeat=1)
+    checked = TaskCheck.of(episodes, training, Spaces((1,), -np.ones(1), np.ones(1)))
+    assert expected in dict(checked.lines(None))["history"]
 
 
 @pytest.mark.parametrize(("frequency", "fast"), [(0.088, False), (0.105, True)])  # changes of 0.55 and 0.65

@@ -67,6 +67,12 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
     for start in (first, tmp_path / "p.npz"):
         again = rkhs_ros.train("rkhs/Toy-v0", policy=start, **more)
         assert again.policy.gaussian.mean.kernel == first.gaussian.mean.kernel
+    rkhs_ros.train("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **{**SHORT, "progress": False})
+    observed = np.full((1, 1), 3.0)
+    assert rkhs_ros.load(tmp_path / "run" / "initial_policy.npz")(observed) == first(observed)  # with the action bounds
+    linear = rkhs_ros.train("rkhs/Toy-v0", kernel="linear", progress=False, **SHORT).policy
+    with pytest.raises(ValueError, match="kernel: expected one without negative values"):
+        rkhs_ros.train("rkhs/Toy-v0", rkhs_ros.RKHSPoWER(variance="learnt"), policy=linear, **SHORT)
     other = rkhs_ros.Inputs(history=2)
     with pytest.raises(ValueError, match="inputs: expected Inputs"):
         rkhs_ros.train("rkhs/Toy-v0", policy=first, inputs=other, **SHORT)
@@ -85,6 +91,19 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
         (("Pendulum-v1", rkhs_ros.PoWER), {}, r"^algorithm: expected an instance such as RKHSNAC\(\), got <class"),
         (("Pendulum-v1",), {"callback": "stop"}, r"^callback: expected a function of a Result, got stop$"),
         (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
+        (("Pendulum-v1",), {"inputs": rkhs_ros.Inputs(degree=3)}, r"^inputs.degree: expected 0, since .*, got 3$"),
+        (("Pendulum-v1",), {"horizon": 1_000_000, "evaluation_episodes": 11}, r"^horizon: expected at most 10000000"),
+        (
+            ("Pendulum-v1", rkhs_ros.ENAC(grid=(-1.0, 1.0, 3.0) * 2)),
+            {},
+            r"^algorithm.grid: expected 3 numbers, or 3 for",
+        ),
+        (("Pendulum-v1", "enac"), {"inputs": rkhs_ros.Inputs(history=3)}, r"^algorithm.grid: expected at most 100000"),
+        (
+            ("Pendulum-v1",),
+            {"inputs": rkhs_ros.Inputs(history=20), "kernel": rkhs_ros.KernelChoice("monomials", degree=20)},
+            r"^inputs: expected at most 100000 numbers, got \d+$",
+        ),
         ((lambda: 3,), {}, r"expected a function that returns an environment, got 3$"),
         (("Pendulum-v1", Own()), {"out": "run"}, r"^algorithm: expected one of `ALGORITHMS`, which out= can store"),
     ],

@@ -11,7 +11,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import SAMPLES_AT_ONCE, check_actions
 from rkhs_ros.policies.gaussian import Acting, GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.streams import NOISES, Batch
+from rkhs_ros.policies.streams import FILTERS, Batch
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
@@ -57,7 +57,7 @@ def make_episodes(rng: np.random.Generator, policy: GaussianPolicy, batch: Batch
     st.sampled_from([1, 1, 2, 4]),
     st.sampled_from([0, 0, 2]),
     st.integers(0, 3),
-    st.sampled_from(NOISES),
+    st.sampled_from(sorted(FILTERS)),
 )
 def test_the_actions_of_the_policy_that_acted_pass(
     seed: int, explore: bool, history: int, degree: int, angles: int, noise: str

@@ -71,7 +71,7 @@ def test_a_run_with_an_initial_policy_replays(whole: Path, tmp_path: Path) -> No
     (tmp_path / "run").mkdir()
     given = read_recording(whole)
     config = longer(2, seed=9)
-    start_from(tmp_path / "run", config, given.policies[3])
+    start_from(tmp_path / "run", config, given.policies[3], given.head.spaces)
     recording = read_recording(recorded_run(tmp_path / "run", config))
     assert len(recording.policies[1].mean.centres) > 0
     assert len(list(replay(recording))) == 2

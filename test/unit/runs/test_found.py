@@ -47,12 +47,12 @@ def test_the_found_settings_repeat_the_run_and_come_with_its_policy(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     policy = load_policy(whole / "policy.npz")[0]
-    found = settings_of(Known.of(CONFIG.training), Known(policy.action_repeat, policy.inputs))
+    found = settings_of(Known(0, CONFIG.training.inputs), Known(policy.action_repeat, policy.inputs))
     assert found
     assert load_config(whole / "config.yaml") == CONFIG
     assert returns(learn(tmp_path / "given", load_config(whole / "config.yaml", found))) == returns(whole)
     (folder := tmp_path / "run").mkdir()
-    start_from(folder, CONFIG, policy)
+    start_from(folder, CONFIG, policy, runner().spaces)
     run_training(CONFIG, runner(), folder)
     assert ": found " not in capsys.readouterr().err
 
@@ -70,4 +70,4 @@ def test_settings_give_the_same_inputs(inputs: Inputs, expected: list[str]) -> N
     assert settings_of(known, found) == ["action_repeat=4", *expected]
     training = load_config(CONFIG_FILE, ("inputs.angles=none", *settings_of(known, found))).training
     assert training.inputs.is_equivalent_to(inputs)
-    assert settings_of(Known.of(training), found) == settings_of(found, found) == []
+    assert settings_of(Known(4, training.inputs), found) == settings_of(found, found) == []

@@ -1,12 +1,12 @@
 import csv
 from dataclasses import replace
-from math import inf, nan, sqrt
+from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rkhs_ros.learning.iteration import Row, standard_error, with_error
+from rkhs_ros.learning.iteration import Row, with_error
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
@@ -64,13 +64,6 @@ def test_a_run_writes_its_curve_and_policy(tmp_path: Path, runner: InlineRunner)
 
 def row(evaluated: int, value: float, sd: float) -> Row:
     return BEGINNING._replace(evaluation_episodes=evaluated, evaluation_return=value, evaluation_return_sd=sd)
-
-
-def test_the_bound_is_the_mean_minus_its_standard_error() -> None:
-    returns = np.array([1.0, 2.0, 6.0, 3.0])
-    error = returns.std(ddof=1) / sqrt(len(returns))
-    assert float(returns.mean()) - standard_error(float(returns.std()), 4) == pytest.approx(3.0 - error)
-    assert 7.0 - standard_error(0.0, 1) == 7.0
 
 
 def test_a_mean_is_shown_with_its_standard_error_unless_that_is_negligible() -> None:

@@ -86,10 +86,11 @@ def test_runs_that_differ_only_in_seed_and_name_form_one_curve(tmp_path: Path) -
 def test_runs_with_different_initial_policies_form_different_curves(tmp_path: Path) -> None:
     training = model_free(horizon=20, iterations=1)
     config = Config(Environment("rkhs/Toy-v0", {}), training)
-    policy = first_policy(training, Spaces.unbounded(1, 1))
+    spaces = Spaces.unbounded(1, 1)
+    policy = first_policy(training, spaces)
     for name in ("default", "given"):
         run_folder(tmp_path / name, [1.0])
-    start_from(tmp_path / "given", config, policy)
+    start_from(tmp_path / "given", config, policy, spaces)
     assert [c.label for c in compare([tmp_path / "default", tmp_path / "given"]).curves] == ["default", "given"]
 
 
@@ -105,6 +106,14 @@ def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     assert areas.startswith("The areas under the curves are not comparable")
     assert note == f"Compared up to exploration episode 25, the end of the shortest run: {tmp_path / 'slow'}."
     assert note in str(comparison)
+
+
+def test_runs_that_begin_after_the_end_of_the_shortest_are_omitted_with_a_note(tmp_path: Path) -> None:
+    short = run_folder(tmp_path / "short", [1.0, 2.0], per_iteration=1)
+    late = run_folder(tmp_path / "late", [3.0], per_iteration=8, algorithm=ALGORITHMS["rkhs_nac"](ridge=0.5))
+    comparison = compare([short, late])
+    assert len(comparison.curves) == 1
+    assert comparison.notes == (f"Omitted, since it has no iteration within 2 exploration episodes: {late}.",)
 
 
 def test_without_evaluations_curves_show_exploration_returns_with_a_note(tmp_path: Path) -> None:

@@ -83,6 +83,18 @@ def test_the_metrics_describe_the_update(algorithm: Algorithm, rng: np.random.Ge
     assert metrics.kl == pytest.approx(kl_between(policy, new, episodes.flat(episodes.observations)))
 
 
+@pytest.mark.parametrize("name", ["enac", "power", "ac"])
+def test_a_grid_is_added_once_to_an_initial_policy(name: str, rng: np.random.Generator) -> None:
+    policy = random_policy(rng, m=4)
+    algorithm = replace(ALGORITHMS[name](), grid=(-1.0, 1.0, 3.0))
+    x = rng.normal(size=(9, 2))
+    for _ in range(3):
+        before = policy
+        policy, *_ = learn(algorithm, before, random_episodes(rng, before))
+        assert len(policy.mean.centres) == 4 + 3**2
+        assert not np.allclose(policy.mean(x), before.mean(x))
+
+
 BASELINE = ValueBaseline(0.3, trace=0.6)
 ESTIMATORS = {
     "step": partial(step_critic, ridge=0.1, baseline=BASELINE),
