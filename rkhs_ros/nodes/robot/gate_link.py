@@ -68,7 +68,7 @@ class GateLink:
         if self._is_silent:
             return f"the gate did not report a command within {self._timeout:g} s (stale_after)"
         if self._state.state == GateState.DISARMED:
-            return "the gate is not armed"
+            return "the gate is not armed" + f" ({truncated(self._state.reason)})" * bool(self._state.reason)
         if self._state.state == GateState.STOPPED:
             return f"the gate stopped the robot ({truncated(self._state.reason)})"
         if self._protection.level == DiagnosticStatus.ERROR:
