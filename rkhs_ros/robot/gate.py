@@ -166,24 +166,27 @@ def _held(state: Gate) -> Gate:
 
 
 def _let_go(state: Gate, rules: Rules, now: float, news: Sensed) -> Gate:
-    """Do not pull back a robot at rest that has moved while no joint state arrived, for example without power.
+    """Do not pull back a robot that was moved while no joint state arrived, for example without power.
 
-    Efforts hold it where it is now. Positions disarm the gate, which then begins where the robot is.
+    Efforts hold a joint that is at rest elsewhere; one that moves would sink under a load with each of many silences.
+    Positions disarm the gate unless the joints are where they were sent, up to the lag of a motion.
     """
     before, motion = state.sensed, state.motion
     if not state.is_armed or state.goal is not None or before is None or motion is None or not stale(state, rules, now):
         return state
-    is_elsewhere = np.abs(news.position - before.position) > NOISE
     if rules.limits.kind == EFFORT and state.anchor is not None:
-        swing = np.zeros_like(news.velocity) if state.swing is None else state.swing
-        anchor = np.where(is_elsewhere, news.position, state.anchor)
-        return replace(state, anchor=anchor, swing=np.where(is_elsewhere, news.velocity, swing))
-    if rules.limits.kind != POSITION or motion.rate.any():
+        are_at_rest = [np.abs(each.velocity) <= rules.rest_speed for each in (before, news)]
+        is_elsewhere = np.abs(news.position - before.position) > NOISE
+        anchor = np.where(np.all([*are_at_rest, is_elsewhere], axis=0), news.position, state.anchor)
+        return replace(state, anchor=anchor)
+    if rules.limits.kind != POSITION:
         return state
-    moved = np.flatnonzero(is_elsewhere & (np.abs(news.position - motion.value) > NOISE))
+    lag = NOISE + np.abs(motion.rate) * rules.stale_after
+    moved = np.flatnonzero(np.abs(news.position - motion.value) > lag)
     if not moved.size:
         return state
-    return replace(state, mode=Mode.DISARMED, reason=f"joint {moved[0]} moved while no joint state arrived")
+    reason = f"joint {moved[0]} was not where it was sent after no joint state had arrived"
+    return replace(state, mode=Mode.DISARMED, reason=reason)
 
 
 def _anchored(state: Gate) -> Gate:

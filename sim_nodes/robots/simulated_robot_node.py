@@ -122,10 +122,9 @@ class SimulatedRobotNode(ReportingNode):
 
     def heartbeat(self) -> float:
         """Advance the robot and publish the readings of its sensors; return the seconds until its next event."""
-        now = self._now()
+        system_ns, now = time.time_ns(), self._now()  # of the two clocks, the system's may jump
         for moment, readings in self._hardware.advance(now):
-            age = (self._now() - moment) / self._speed
-            stamp = Time(nanoseconds=time.time_ns() - round(1e9 * age))  # by the system clock, which may have jumped
+            stamp = Time(nanoseconds=system_ns - round(1e9 * (now - moment) / self._speed))
             self._topics.publish(readings, stamp.to_msg())
         self.diagnostics.steps = self._hardware.steps
         self.diagnostics.stuck = self._topics.robot.state.protection.reason

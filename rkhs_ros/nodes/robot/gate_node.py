@@ -38,6 +38,7 @@ LAST_OUTPUT_TIMEOUT_S = 0.2  # for the hardware to receive the last output
 LATE = 2  # periods between two ticks above which a tick counts as missed
 MOST_FAILURES = 3  # of successive ticks, after which the gate can no longer bring the robot to rest
 RETRY_S = 1.0  # between attempts of a gate to arm itself
+NAMED_S = 2.0  # within which the name of a new node becomes known
 SIMULATED = "simulated_robot"  # the node that may receive the commands of a gate that arms itself
 HARDWARE_QOS = QoSProfile(depth=1)
 
@@ -63,6 +64,7 @@ class GateNode(ReportingNode):
         self._end_at = inf  # monotonic time, seconds; finite once the gate has been asked to exit
         self._arm_at = time.monotonic() + RETRY_S  # of a gate that arms itself
         self._has_armed_itself = False
+        self._unknown_since = inf  # monotonic time, seconds, of a listener whose name is not known
         self._waits_for_a_person = False  # since a stop was requested
         self._flaw = ""  # of the last joint state
         self._obstacle = ""  # last reported by the robot node
@@ -224,8 +226,10 @@ class GateNode(ReportingNode):
         others = sorted({full_name(each) for each in listeners if not _is_simulated(each.node_name)})
         expected = f"arms_itself: expected only simulated robots on {topic}, got {', '.join(others)}" if others else ""
         self.diagnostics.waiting = expected if stands else ""
-        are_known = all(each.node_name != UNKNOWN for each in listeners)  # names follow within moments
-        if expected and are_known and self._has_armed_itself:
+        names = {each.node_name for each in listeners}
+        self._unknown_since = min(self._unknown_since, now) if UNKNOWN in names else inf
+        is_foreign = now - self._unknown_since > NAMED_S or any(not _is_simulated(name) for name in names - {UNKNOWN})
+        if is_foreign and self._has_armed_itself:
             self._turn(gate.stopped(self._state, expected))
         if stands and now < self._arm_at:
             return

@@ -83,6 +83,11 @@ def test_a_stale_sensor_stops_the_gate_and_prevents_arming(kind: str) -> None:
     assert world.arm() == ""
 
 
+REFUSED_ONCE = (
+    "cannot arm: joint 0 was not where it was sent after no joint state had arrived; arm again if the robot may move"
+)
+
+
 @over_kinds
 @pytest.mark.parametrize("moved", [0.04, 0.8])
 def test_a_robot_that_moved_while_its_sensors_were_silent_is_not_pulled_back(kind: str, moved: float) -> None:
@@ -104,10 +109,39 @@ def test_a_robot_that_moved_while_its_sensors_were_silent_is_not_pulled_back(kin
     else:
         np.testing.assert_allclose(output, [-20.0 * moved, 0.0], atol=1e-3)  # it keeps bearing its load
     if kind == POSITION and is_far:
-        assert world.arm() == "cannot arm: joint 0 moved while no joint state arrived; arm again if the robot may move"
+        assert world.arm() == REFUSED_ONCE
         assert world.arm() == ""
         state, output = ticked(world.state, world.rules, world.now + PERIOD)
         np.testing.assert_allclose(output, world.position)
+
+
+@pytest.mark.parametrize("silence", [0.12, 0.2, 0.5, 3.0])
+def test_a_robot_that_lost_its_power_in_a_motion_is_not_pulled_on(silence: float) -> None:
+    world = armed_world(POSITION, acceleration=2.0)
+    for _ in range(10):
+        world.command([2.0, 2.0])
+        world.wait(0.1)
+    world.senses = False
+    world.wait(silence)
+    world.position = world.position - 0.8
+    world.sense()
+    assert world.state.mode == Mode.DISARMED
+    world.senses = True
+    count = len(world.outputs)
+    world.wait(1.0)
+    assert len(world.outputs) == count
+
+
+def test_a_joint_under_load_does_not_sink_while_joint_states_come_with_gaps() -> None:
+    world = armed_world(EFFORT)
+    world.load, world.velocity = 1.5, np.full(2, 0.5)  # it holds 0.075 rad below the anchor
+    world.stop()
+    for _ in range(100):
+        world.senses = False
+        world.wait(0.2)
+        world.senses = True
+        world.wait(0.02)
+        assert (np.abs(world.position) < 0.4).all()
 
 
 @pytest.mark.parametrize(
