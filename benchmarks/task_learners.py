@@ -153,9 +153,10 @@ def world(trial: Trial) -> SeenThrough:
 def deep_learning(name: str, trial: Trial) -> list[Point]:
     """Return the learning curve of a learner, given by the name of its class."""
     import_module("torch").set_num_threads(1)
+    learner = getattr(import_module(MODULES[name]), name)  # now, since the import is no part of its time
     training, budget = trial.config.training, trial.episodes
     meter, evaluated, points, env = Meter(trial), world(trial), list[Point](), world(trial)
-    model = getattr(import_module(MODULES[name]), name)("MlpPolicy", env, seed=training.seed, device="cpu")
+    model = learner("MlpPolicy", env, seed=training.seed, device="cpu")
 
     def after_step(variables: dict[str, Any], _: dict[str, Any]) -> bool:
         if variables["dones"][0]:

@@ -95,7 +95,10 @@ def time_limit(source: Source, options: Mapping[str, Any] | None = None) -> int 
     if isinstance(source, str):
         return limit_of(spec_of(source), options or {})
     spec = getattr(source, "spec", None)
-    return None if spec is None else limit_of(spec, options_of(source))
+    if spec is None:
+        return None
+    given: int | None = spec.kwargs.get("max_episode_steps") if isinstance(source, VectorEnv) else None
+    return given or limit_of(spec, options_of(source))
 
 
 def limit_of(spec: EnvSpec, options: Mapping[str, Any]) -> int | None:

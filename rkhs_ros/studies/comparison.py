@@ -116,13 +116,13 @@ def compare(folders: str | Path | Iterable[str | Path], labels: Mapping[Path, st
     runs, empty = _found(places)
     require(len(runs) > 0, f"{(empty or places)[0]}", "a run with at least one iteration", "none")
     notes = [f"Omitted, since it has no finished iteration: {folder}." for folder in empty]
-    task = _common_task(runs)
+    groups, task = _grouped(runs), _common_task(runs)
+    common = max((run.rows[0].episodes for run in runs), key=lambda count: (sum(_spans(r, count) for r in runs), count))
+    notes += [f"Omitted, since it does not span episode {common}: {r.folder}." for r in runs if not _spans(r, common)]
+    groups = [group for each in groups if (group := [run for run in each if _spans(run, common)])]
+    runs = [run for group in groups for run in group]
     shortest = min(runs, key=lambda run: run.rows[-1].episodes)
     limit = shortest.rows[-1].episodes
-    late = [run.folder for run in runs if run.rows[0].episodes > limit]
-    notes += [f"Omitted, since it has no iteration within {limit} exploration episodes: {folder}." for folder in late]
-    runs = [run for run in runs if run.folder not in late]
-    groups = _grouped(runs)
     cut = any(run.rows[-1].episodes > limit for run in runs)
     if cut:
         notes.append(f"Compared up to exploration episode {limit}, the end of the shortest run: {shortest.folder}.")
@@ -151,6 +151,11 @@ def _found(places: Sequence[Path]) -> tuple[list[Run], list[Path]]:
             else:
                 empty.setdefault(folder.resolve(), folder)
     return list(found.values()), list(empty.values())
+
+
+def _spans(run: Run, episodes: int) -> bool:
+    """Return whether the first iteration of a run ends by a number of exploration episodes, and the last not before."""
+    return run.rows[0].episodes <= episodes <= run.rows[-1].episodes
 
 
 def _is_run(folder: Path) -> bool:

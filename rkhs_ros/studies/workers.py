@@ -60,9 +60,9 @@ def _results(call: Callable[..., T], arguments: Sequence[tuple[Any, ...]], jobs:
         running = {_submitted(executor, call, each) for each in islice(waiting, at_once)}
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {_submitted(executor, call, each) for each in islice(waiting, len(done))}
-            for future in done:
+            for future in done:  # before further calls, since the executor does not end well just after one
                 yield future.result()
+            running |= {_submitted(executor, call, each) for each in islice(waiting, len(done))}
 
 
 def _submitted(executor: Executor, call: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:

@@ -119,7 +119,9 @@ def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], 
     drawn = ((point, path) for (point, _), path in folders.items() if point in ranked[:MOST_DRAWN])
     labels = {path: ", ".join(map("{}={}".format, short, _settings(names, point).values())) for point, path in drawn}
     print(table)
-    draw_comparison(out / "comparison.png", compare(list(labels), labels))
+    comparison = compare(list(labels), labels)
+    draw_comparison(out / "comparison.png", comparison)
+    print(*comparison.notes, sep="\n", end="\n" if comparison.notes else "")
     print(f"Medians over the seeds. Tables and picture: {out}/runs.csv, medians.csv, medians.md and comparison.png")
 
 

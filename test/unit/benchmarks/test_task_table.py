@@ -66,6 +66,10 @@ def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:  # as processes that share the file
         list(pool.map(lambda item: add_curves(tmp_path / "curves.csv", dict([item])), curves.items()))
     assert read_curves(tmp_path / "curves.csv") == curves
+    head, *lines = (tmp_path / "curves.csv").read_text().splitlines()
+    (tmp_path / "sorted.csv").write_text("\n".join([head, *reversed(lines)]))
+    with pytest.raises(ValueError, match=r"sorted.csv: expected more episodes and steps of .* in each line, got \d+"):
+        read_curves(tmp_path / "sorted.csv")
 
 
 def test_all_runs_of_a_learner_hold_actions_as_long_as_the_first_one() -> None:

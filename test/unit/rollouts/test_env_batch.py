@@ -163,8 +163,8 @@ def test_an_instance_has_id_and_options_unless_wrapped() -> None:
     wrapped = gymnasium.wrappers.TransformReward(gymnasium.make("Pendulum-v1"), lambda reward: 2 * reward)
     assert Simulation(wrapped).environment == "PendulumEnv"
     several = {"num_envs": 2, "vectorization_mode": "sync"}
-    made = Simulation(gymnasium.make_vec("Pendulum-v1", **several, g=9.0))
-    assert (made.environment, made.options) == ("Pendulum-v1", {"g": 9.0})
+    made = Simulation(gymnasium.make_vec("Pendulum-v1", **several, max_episode_steps=50, g=9.0))
+    assert (made.environment, made.options, made.time_limit) == ("Pendulum-v1", {"g": 9.0}, 50)
     doubled = [lambda env: gymnasium.wrappers.TransformReward(env, lambda reward: 2 * reward)]
     for vector in (
         gymnasium.make_vec("Pendulum-v1", **several, wrappers=doubled),

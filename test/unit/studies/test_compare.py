@@ -108,12 +108,14 @@ def test_longer_runs_are_truncated_with_a_note(tmp_path: Path) -> None:
     assert note in str(comparison)
 
 
-def test_runs_that_begin_after_the_end_of_the_shortest_are_omitted_with_a_note(tmp_path: Path) -> None:
-    short = run_folder(tmp_path / "short", [1.0, 2.0], per_iteration=1)
-    late = run_folder(tmp_path / "late", [3.0], per_iteration=8, algorithm=ALGORITHMS["rkhs_nac"](ridge=0.5))
-    comparison = compare([short, late])
-    assert len(comparison.curves) == 1
-    assert comparison.notes == (f"Omitted, since it has no iteration within 2 exploration episodes: {late}.",)
+def test_runs_without_common_episodes_are_omitted_with_a_note_so_that_most_remain(tmp_path: Path) -> None:
+    short = run_folder(tmp_path / "short", [1.0, 2.0], per_iteration=1, algorithm=ALGORITHMS["rkhs_nac"](ridge=0.5))
+    long = [run_folder(tmp_path / f"{seed}", [3.0, 4.0], per_iteration=8, seed=seed) for seed in range(2)]
+    comparison = compare([short, *long])
+    assert [curve.returns.tolist() for curve in comparison.curves] == [[[3.0, 4.0]] * 2]
+    assert comparison.notes == (f"Omitted, since it does not span episode 8: {short}.",)
+    late = run_folder(tmp_path / "late", [3.0], per_iteration=80, algorithm=ALGORITHMS["rkhs_nac"](ridge=0.5))
+    assert compare([*long, late]).notes == (f"Omitted, since it does not span episode 8: {late}.",)
 
 
 def test_without_evaluations_curves_show_exploration_returns_with_a_note(tmp_path: Path) -> None:
