@@ -24,8 +24,8 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
     )
     panels = figure.subplots(1, len(units), sharey=True, squeeze=False)[0]
     for learner, cell in cells.items():
-        for panel, unit in zip(panels, units.values(), strict=True):
-            counted = "episodes" if unit == 1.0 else "steps"
+        for panel, (name, unit) in zip(panels, units.items(), strict=True):
+            counted = "episodes" if name == "episodes" else "steps"
             first = max(getattr(curve[0], counted) for curve in cell.curves)
             at = np.unique([getattr(point, counted) for curve in cell.curves for point in curve])
             at = at[at >= first]  # before, the median would be of some runs alone

@@ -15,6 +15,7 @@ import ablation
 import described
 import descriptions
 import task_learners
+import task_pictures
 import task_table
 import tasks
 from rkhs_ros.base.endings import BAD_INPUT
@@ -70,6 +71,13 @@ def test_curves_are_the_same_after_storing_them(tmp_path: Path) -> None:
     (tmp_path / "sorted.csv").write_text("\n".join([head, *reversed(lines)]))
     with pytest.raises(ValueError, match=r"sorted.csv: expected more episodes and steps of .* in each line, got \d+"):
         read_curves(tmp_path / "sorted.csv")
+
+
+@pytest.mark.parametrize(("task", "rate"), [("tanks", 1.0), ("ball-on-beam", 50.0)])
+def test_a_picture_counts_episodes_and_seconds_of_experience(task: str, rate: float) -> None:
+    cell = task_table.Cell(tasks.TASKS[task], [curve([-5.0, -1.0])])
+    drawn = [panel.lines[0].get_xdata() for panel in task_pictures.picture(task, {"ours": cell}).axes]
+    np.testing.assert_allclose(drawn, [[2.0, 4.0], [14.0 / rate, 28.0 / rate]])
 
 
 def test_all_runs_of_a_learner_hold_actions_as_long_as_the_first_one() -> None:
