@@ -284,8 +284,8 @@ def read_curves(path: Path) -> Curves:
     curves: Curves = {}
     for key, point in rows_of(path, HEAD, _row) if path.exists() else []:
         its = curves.setdefault(key, [])
-        last = its[-1] if its else Point(0, 0, *[0.0] * 5, 1)
-        rises = point.episodes > last.episodes and point.steps > last.steps
+        episodes, steps = its[-1][:2] if its else (0, 0)
+        rises = point.episodes > episodes and point.steps > steps
         require(rises, f"{path}", f"more episodes and steps of {' '.join(map(str, key))} in each line", point.episodes)
         its.append(point)
     return curves

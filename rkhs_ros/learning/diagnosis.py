@@ -166,8 +166,7 @@ class Diagnosis:
 
     def advise(self, iteration: Iteration) -> Advice | None:
         """Return the advice for an iteration, None if there is none or it was given before."""
-        episodes = iteration.exploration, iteration.evaluation
-        self._recent.append(summary_of(iteration, *episodes, self._spaces))
+        self._recent.append(summary_of(iteration, iteration.exploration, iteration.evaluation, self._spaces))
         advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
         self._given.add(str(advice))
         return advice

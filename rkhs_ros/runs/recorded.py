@@ -77,7 +77,7 @@ class RecordingRunner:
             self._due = time.monotonic() + SYNC_PERIOD_S
 
     def _recorded(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
-        episodes = Episodes.concatenate(self._held[each].episodes for each in batch.parts(1))
+        episodes = _joined(self._held, batch, f"{self._file}")
         check_actions(episodes, policy, batch)
         return episodes
 
@@ -112,16 +112,16 @@ def recorded(config: Config, runner: RecordableRunner, folder: Path, *, is_robot
         state = first_state(training, runner.spaces, given)
     if held.heads and is_new:
         print(f"warning: {file}: {_changes(held.heads[-1].versions, head.versions)}", file=sys.stderr)
-    counts = (state.evaluated, state.explored)
-    later = {each: found for each, found in held.by_numbers().items() if each.first_episode >= counts[each.explore]}
+    counts, episodes = (state.evaluated, state.explored), held.by_numbers()
+    later = {each: found for each, found in episodes.items() if each.first_episode >= counts[each.explore]}
+    rows = _rows(held, folder)
+    summaries = _summaries(held, rows, episodes, training, runner.spaces, f"{file}")
     recorder, record_before = Recorder(MessageFile(file, messages, sync=is_robot), held), runner.record
     runner.record = recorder.ended
     try:
         if is_new:
             recorder.begin(head)
         policies = [held.policies[update.policy_version] for update in held.updates]
-        rows = _rows(held, folder)
-        summaries = _summaries(held, rows, training, runner.spaces)
         yield RecordingRunner(runner, recorder, file, later), state, rows, policies, summaries
     finally:
         runner.record = record_before
@@ -145,10 +145,7 @@ def state_of(recording: Recording, training: Training, spaces: Spaces, what: str
     episodes, memory = recording.by_numbers(), Episodes.none(1, 1, 1)
     for begin in [0, *(update.episodes for update in updates[:-1])]:
         batch = Batch(training.seed, begin, training.episodes_per_iteration, training.horizon, explore=True)
-        missing = [each.first_episode for each in batch.parts(1) if each not in episodes]
-        require(not missing, what, "the exploration episodes of the finished iterations", f"none of number {missing}")
-        exploration = Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
-        memory = remembered(memory, exploration, training, explorer, spaces)
+        memory = remembered(memory, _joined(episodes, batch, what), training, explorer, spaces)
     known = tuple(earlier[:EARLIER]) if isinstance(training.model, ModelBased) else ()
     policy, counts = recording.policies[last.policy_version], (last.episodes, last.evaluation_episodes, last.steps)
     return State(last.iteration, policy, explorer, memory, *counts, known)
@@ -175,19 +172,33 @@ def _rows(held: Recording, folder: Path) -> list[Row]:
     return [Row(**each, seconds=seconds.get(each["iteration"], last)) for each in known]
 
 
-def _summaries(held: Recording, rows: Sequence[Row], training: Training, spaces: Spaces) -> list[Summary]:
-    """Return the summaries of the updates, for the diagnosis of the run."""
-    episodes, summaries = held.by_numbers(), []
+def _joined(episodes: Mapping[Batch, RecordedBatch], batch: Batch, what: str) -> Episodes:
+    """Return the recorded episodes of a batch; raise ValueError if one is missing."""
+    parts, kind = batch.parts(1), "exploration" if batch.explore else "evaluation"
+    missing = [each.first_episode for each in parts if each not in episodes]
+    require(not missing, what, f"the {kind} episodes of the finished iterations", f"none of number {missing}")
+    return Episodes.concatenate(episodes[each].episodes for each in parts)
 
-    def of(first: int, count: int, *, explore: bool) -> Episodes:
-        batch = Batch(training.seed, first, count, training.horizon, explore=explore)
-        return Episodes.concatenate(episodes[each].episodes for each in batch.parts(1))
 
+def _summaries(
+    held: Recording,
+    rows: Sequence[Row],
+    episodes: Mapping[Batch, RecordedBatch],
+    training: Training,
+    spaces: Spaces,
+    what: str,
+) -> list[Summary]:
+    """Summarise the finished iterations of a resumed run for its diagnosis."""
+    summaries: list[Summary] = []
     explored = evaluated = 0
     for row, update in zip(rows, held.updates, strict=True):
-        exploration = of(explored, training.episodes_per_iteration, explore=True)
-        count = update.evaluation_episodes - evaluated
-        evaluation = of(evaluated, count, explore=False) if count else exploration.take(slice(0))
+        batch = Batch(training.seed, explored, training.episodes_per_iteration, training.horizon, explore=True)
+        exploration = _joined(episodes, batch, what)
+        if count := update.evaluation_episodes - evaluated:
+            batch = Batch(training.seed, evaluated, count, training.horizon, explore=False)
+            evaluation = _joined(episodes, batch, what)
+        else:
+            evaluation = exploration.take(slice(0))
         summaries.append(summary_of(row, exploration, evaluation, spaces))
         explored, evaluated = update.episodes, update.evaluation_episodes
     return summaries

@@ -121,7 +121,8 @@ def _write(out: Path, names: Sequence[str], folders: Mapping[tuple[Point, int], 
     print(table)
     comparison = compare(list(labels), labels)
     draw_comparison(out / "comparison.png", comparison)
-    print(*comparison.notes, sep="\n", end="\n" if comparison.notes else "")
+    for note in comparison.notes:
+        print(note)
     print(f"Medians over the seeds. Tables and picture: {out}/runs.csv, medians.csv, medians.md and comparison.png")
 
 
