@@ -3,12 +3,12 @@
 import math
 import signal
 import sys
-import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from tempfile import mkdtemp
+from timeit import repeat
 from typing import Any
 
 from rkhs_ros.base.endings import INTERRUPTED, RunError, print_error
@@ -58,15 +58,10 @@ def ended(run: Callable[[], int | None]) -> int:
         return INTERRUPTED
 
 
-def seconds_of(call: Callable[[], object], repeats: int) -> float:
-    """Return the median time of a call, after a warm-up call."""
+def seconds_of(call: Callable[[], object], repeats: int, number: int = 1) -> float:
+    """Return the median over repeats of the mean time of a number of calls, after a warm-up call."""
     call()
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return median(times)
+    return median(repeat(call, number=number, repeat=repeats)) / number
 
 
 def growth(amounts: dict[int, float], first: int, last: int) -> float:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from statistics import median
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
@@ -21,7 +20,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 
 import sim_nodes.envs  # noqa: F401  # registers the tasks
-from command import parser
+from command import parser, seconds_of
 from rkhs_interfaces.msg import Observation
 from rkhs_ros.app.launcher import started, write_parameters
 from rkhs_ros.learning.training import train
@@ -70,23 +69,12 @@ def ping_pong(message: Observation, trips: int) -> float:
         while not heard:
             executor.spin_once(timeout_sec=1.0)
 
-    seconds = seconds_per_call(trip, trips)
+    seconds = seconds_of(trip, ROUNDS, trips)
     process.terminate()
     process.wait()
     executor.shutdown()
     node.destroy_node()
     return seconds
-
-
-def seconds_per_call(call, times: int) -> float:
-    """Return the median over rounds of the mean time of a call."""
-    rounds = []
-    for _ in range(ROUNDS):
-        begin = time.perf_counter()
-        for _ in range(times):
-            call()
-        rounds.append((time.perf_counter() - begin) / times)
-    return median(rounds)
 
 
 def over_topics(config: Config, policy: GaussianPolicy) -> tuple[float, float]:
@@ -101,7 +89,7 @@ def over_topics(config: Config, policy: GaussianPolicy) -> tuple[float, float]:
             runner = learner.runner
             runner.connect()
             runner.collect(policy, batch)
-            step = seconds_per_call(lambda: runner.collect(policy, batch), 5) / batch.horizon
+            step = seconds_of(lambda: runner.collect(policy, batch), ROUNDS, 5) / batch.horizon
             begin = time.perf_counter()
             for _ in train(config.training, runner):
                 pass
@@ -127,7 +115,7 @@ def main(trips: int, changes: Sequence[str]) -> None:
     begin = time.perf_counter()
     *_, last = train(config.training, inline)
     inline_run = time.perf_counter() - begin
-    inline_step = seconds_per_call(lambda: inline.collect(last.policy, batch), 5) / batch.horizon
+    inline_step = seconds_of(lambda: inline.collect(last.policy, batch), ROUNDS, 5) / batch.horizon
     rclpy.init()
     raw = ping_pong(observation_message(1, 1, batch, 1, simulation.step(np.zeros((batch.num_envs, 1)))), trips)
     rclpy.shutdown()

@@ -21,7 +21,7 @@ import numpy as np
 import sim_nodes.envs  # noqa: F401  # registers the project's tasks
 from rkhs_ros.learning.training import train
 from rkhs_ros.policies.gaussian import GaussianPolicy
-from rkhs_ros.policies.inputs import Inputs
+from rkhs_ros.policies.inputs import Inputs, Window
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance
@@ -113,17 +113,16 @@ class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
     def reset(self, **options: Any) -> tuple[Array, dict[str, Any]]:
         """Start an episode."""
         observation, info = self.env.reset(**options)
-        self._steps, self._decisions = 0, 0
+        self._steps = 0
         self.rewards = np.zeros(self._horizon)
         self.observations = np.zeros((self._horizon, len(observation)))
-        self._seen = np.zeros((1, self._horizon + 1, len(observation)))
-        self._done = np.zeros((1, self._horizon + 1, *self.env.action_space.shape))
+        self._window = Window(self._inputs, self.env.action_space.shape[0])
         self._now = observation
         return self._shown(), info
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
         """Run the steps of a decision."""
-        self._done[0, self._decisions] = action
+        self._window.acted(action[None])
         earned = 0.0
         for _ in range(self._repeat):
             self.observations[self._steps] = self._now
@@ -133,12 +132,10 @@ class SeenThrough(gymnasium.Wrapper[Array, Array, Any, Any]):
             self._steps, self.total = self._steps + 1, self.total + 1
             if terminated or truncated:
                 break
-        self._decisions += 1
         return self._shown(), earned, terminated, truncated, info
 
     def _shown(self) -> Array:
-        self._seen[0, self._decisions] = self._now
-        return self._inputs.at(np.array([self._decisions]), self._seen, self._done)[0, 0]
+        return self._window.observed(np.asarray(self._now, dtype=np.float64)[None])[0]
 
 
 def world(trial: Trial) -> SeenThrough:

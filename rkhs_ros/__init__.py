@@ -11,11 +11,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from rkhs_ros.app.library import Result as Result
-    from rkhs_ros.app.library import learn as learn
-    from rkhs_ros.app.library import train as train
-    from rkhs_ros.app.measure import evaluate as evaluate
-    from rkhs_ros.app.measure import load_model as load_model
+    from rkhs_ros.app.library import Result as Result, learn as learn, train as train
+    from rkhs_ros.app.measure import evaluate as evaluate, load_model as load_model
     from rkhs_ros.base.endings import RunError as RunError
     from rkhs_ros.learning.algorithms.ac import AC as AC
     from rkhs_ros.learning.algorithms.enac import ENAC as ENAC
@@ -24,21 +21,18 @@ if TYPE_CHECKING:
     from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC as RKHSNAC
     from rkhs_ros.learning.algorithms.rkhs_npg import RKHSNPG as RKHSNPG
     from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER as RKHSPoWER
-    from rkhs_ros.learning.algorithms.step_rules import FixedStep as FixedStep
-    from rkhs_ros.learning.algorithms.step_rules import KLStep as KLStep
-    from rkhs_ros.learning.algorithms.step_rules import LineSearch as LineSearch
+    from rkhs_ros.learning.algorithms.step_rules import (
+        FixedStep as FixedStep,
+        KLStep as KLStep,
+        LineSearch as LineSearch,
+    )
     from rkhs_ros.learning.kernel_choice import KernelChoice as KernelChoice
-    from rkhs_ros.learning.training_settings import ModelBased as ModelBased
-    from rkhs_ros.learning.training_settings import NoModel as NoModel
+    from rkhs_ros.learning.training_settings import ModelBased as ModelBased, NoModel as NoModel
     from rkhs_ros.policies.inputs import Inputs as Inputs
-    from rkhs_ros.policies.policy import Policy as Policy
-    from rkhs_ros.policies.policy import load as load
-    from rkhs_ros.rkhs.kernels import RBF as RBF
-    from rkhs_ros.rkhs.kernels import Linear as Linear
-    from rkhs_ros.rkhs.kernels import Polynomial as Polynomial
+    from rkhs_ros.policies.policy import Policy as Policy, load as load
+    from rkhs_ros.rkhs.kernels import RBF as RBF, Linear as Linear, Polynomial as Polynomial
     from rkhs_ros.rollouts.evaluation import Evaluation as Evaluation
-    from rkhs_ros.studies.comparison import Comparison as Comparison
-    from rkhs_ros.studies.comparison import compare as compare
+    from rkhs_ros.studies.comparison import Comparison as Comparison, compare as compare
 
 _HOMES = {
     "app.library": ("Result", "learn", "train"),

@@ -1,4 +1,4 @@
-"""Executable ``learner`` of ``ros2 run`` and the launch files: the learner node, which plots its run at the end."""
+"""Executable ``learner`` of ``ros2 run`` and the launch file: the learner node, which plots its run at the end."""
 
 from pathlib import Path
 

@@ -2,13 +2,12 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from rkhs_ros.base.settings import build
-from rkhs_ros.base.validation import missing_ros, require
+from rkhs_ros.base.validation import missing_ros, prefixed, require
 from rkhs_ros.policies.spaces import Spaces
 from rkhs_ros.robot.gate_settings import GateSettings, rules
 from rkhs_ros.robot.limits import Limits
@@ -20,13 +19,13 @@ from sim_nodes.robots import DEFAULT, settings_of
 def check_robot(config: Config) -> Spaces:
     """Check the sections of a configuration with a robot, also against each other; return the spaces of its task."""
     nodes = config.environment.nodes
-    with _named("robot"):
+    with prefixed("robot"):
         task = robot_task_from(nodes["robot"])
-    with _named("gate"):
+    with prefixed("gate"):
         gate = build(GateSettings, nodes["gate"])
         limits = rules(gate)
     if "simulated_robot" in nodes:
-        with _named("simulated_robot"):
+        with prefixed("simulated_robot"):
             section = dict(nodes["simulated_robot"])
             settings_of(str(section.pop("robot", DEFAULT)), section)
     _check_together(task, gate)
@@ -76,12 +75,3 @@ def _check_together(task: RobotTask, gate: GateSettings) -> None:
     what = "(robot.misses_allowed + 1 + robot.action_deadline) * robot.period"
     good = longest < gate.command_timeout
     require(good, what, f"less than gate.command_timeout, {gate.command_timeout:g} s", f"{longest:g} s")
-
-
-@contextmanager
-def _named(section: str) -> Iterator[None]:
-    """Prefix errors with the name of the section."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{section}: {error}") from error

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rkhs_ros.base.endings import ENDING, RunError, StoppedError
 from rkhs_ros.base.processes import searches_here
-from rkhs_ros.base.validation import hint, require, truncated
+from rkhs_ros.base.validation import hint, prefixed, require, truncated
 
 ADD_TO_PATH = "add the folder to PYTHONPATH"  # to import a module from it
 
@@ -53,10 +53,8 @@ def user_function(name: str, what: str) -> Callable[..., Any]:
     """
     module, _, function = name.partition(":")
     require(bool(module and function), what, "MODULE:FUNCTION", name)
-    try:
+    with prefixed(what):
         found = user_module(module, ADD_TO_PATH)
-    except ValueError as error:
-        raise ValueError(f"{what}: {error}") from error
     if not callable(getattr(found, function, None)):
         callables = {each: None for each, value in vars(found).items() if callable(value)}
         raise ValueError(f"{what}: no function '{truncated(function)}' in {module}, {hint(function, callables)}")

@@ -1,7 +1,8 @@
 """Validate values with messages that name the expected value, the value given and the closest valid name."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -29,6 +30,15 @@ def require(condition: bool, what: str, expected: str, got: object) -> None:
     """Raise ValueError "what: expected ..., got ..." unless the condition holds."""
     if not condition:
         raise ValueError(f"{what}: expected {expected}, got {truncated(got)}")
+
+
+@contextmanager
+def prefixed(what: object) -> Iterator[None]:
+    """Prefix a ValueError with what it is about."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error
 
 
 def require_extra(module: str, extra: str, what: str) -> None:

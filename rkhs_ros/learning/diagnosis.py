@@ -23,23 +23,6 @@ FEW = 3  # iterations without a change of the reward, since fewer may just not h
 
 
 @dataclass(frozen=True)
-class Advice:
-    """A sign that a run does not learn.
-
-    Attributes:
-        what: what the run shows, the same text for each sign of a kind.
-        setting: what to try.
-    """
-
-    what: str
-    setting: str
-
-    def __str__(self) -> str:
-        """Return the advice in one line."""
-        return f"{self.what}; try {self.setting}"
-
-
-@dataclass(frozen=True)
 class Summary:
     """What the diagnosis needs of an iteration; the defaults stand for unknown values and cause no advice.
 
@@ -110,40 +93,34 @@ def predicts_badly(recent: Sequence[Summary]) -> bool:
     return len(bad) == TESTS and bad[-1] and sum(bad) > TESTS / 2
 
 
-SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], Advice], ...] = (
+SIGNS: tuple[tuple[Callable[[Sequence[Summary]], bool], str], ...] = (
     (
         has_constant_reward,
-        Advice("the reward has not changed so far", "a reward that rises towards the goal, or a larger horizon"),
+        "the reward has not changed so far; try a reward that rises towards the goal, or a larger horizon",
     ),
     (
         is_always_cut,
-        Advice("the task truncates all episodes before the horizon", "horizon=STEPS with their number of steps"),
+        "the task truncates all episodes before the horizon; try horizon=STEPS with their number of steps",
     ),
     (
         saturates,
-        Advice(
-            "nearly all actions of the policy mean are at their bounds",
-            "wider bounds, a cost of the actions in the reward or a smaller exploration_sd",
-        ),
+        "nearly all actions of the policy mean are at their bounds; try wider bounds, a cost of the actions in the "
+        "reward or a smaller exploration_sd",
     ),
     (
         predicts_badly,
-        Advice(
-            "the model predicts the newest episodes badly",
-            "more episodes_per_iteration, inputs.history=2, less noisy observations, or model.form=none for contacts",
-        ),
+        "the model predicts the newest episodes badly; try more episodes_per_iteration, inputs.history=2, less noisy "
+        "observations, or model.form=none for contacts",
     ),
     (
         exploits_model,
-        Advice(
-            "the return in the model is far above the evaluation return",
-            "more episodes_per_iteration, a smaller model.updates or a known model.reward_fn",
-        ),
+        "the return in the model is far above the evaluation return; try more episodes_per_iteration, a smaller "
+        "model.updates or a known model.reward_fn",
     ),
 )  # causes before their consequences
 
 
-def advice_on(recent: Sequence[Summary]) -> list[Advice]:
+def advice_on(recent: Sequence[Summary]) -> list[str]:
     """Return the advice for all signs of the iterations so far, at least one, the most important first."""
     return [advice for is_sign, advice in SIGNS if is_sign(recent)]
 
@@ -164,11 +141,11 @@ class Diagnosis:
         self._recent = list(earlier)
         self._given = set(given)
 
-    def advise(self, iteration: Iteration) -> Advice | None:
+    def advise(self, iteration: Iteration) -> str | None:
         """Return the advice for an iteration, None if there is none or it was given before."""
         self._recent.append(summary_of(iteration, iteration.exploration, iteration.evaluation, self._spaces))
-        advice = next((each for each in advice_on(self._recent) if str(each) not in self._given), None)
-        self._given.add(str(advice))
+        advice = next((each for each in advice_on(self._recent) if each not in self._given), None)
+        self._given.add(advice or "")
         return advice
 
 

@@ -84,22 +84,10 @@ class KernelChoice(Settings):
             return median_bandwidth(points)
         return tuple((deviations(points) * np.sqrt(points.shape[1] / 2.0)).tolist())
 
-    def _rbf(self, points: Array, ages: int) -> Kernel:
-        return RBF(self.bandwidths(points, ages))
-
-    def _linear(self, points: Array, ages: int) -> Kernel:
-        return Linear(tuple(points.mean(axis=0)), tuple(deviations(points)))
-
-    def _polynomial(self, points: Array, ages: int) -> Kernel:
-        return Polynomial(self.offset, self.degree)
-
-    def _monomials(self, points: Array, ages: int) -> Kernel:
-        return LINEAR
-
 
 KERNELS: dict[str, Callable[[KernelChoice, Array, int], Kernel]] = {
-    "rbf": KernelChoice._rbf,
-    "polynomial": KernelChoice._polynomial,
-    "linear": KernelChoice._linear,
-    MONOMIALS: KernelChoice._monomials,
+    "rbf": lambda choice, points, ages: RBF(choice.bandwidths(points, ages)),
+    "polynomial": lambda choice, points, ages: Polynomial(choice.offset, choice.degree),
+    "linear": lambda choice, points, ages: Linear(tuple(points.mean(axis=0)), tuple(deviations(points))),
+    MONOMIALS: lambda choice, points, ages: LINEAR,
 }

@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from hashlib import blake2b
 from pathlib import Path
@@ -24,6 +23,7 @@ from rkhs_ros.recordings.messages import episodes_message
 from rkhs_ros.recordings.recording import Head, Recording, faults_named, intact_messages, recording_of
 
 TYPES = Types()
+TASK, UPDATE = f"{PACKAGE}Task", f"{PACKAGE}Update"
 ARRAYS = [f.name for f in fields(Episodes)]
 TOPICS = {"Task": "task", "Policy": "policy", "RecordedEpisodes": "recorded_episodes", "Update": "update"}
 
@@ -136,25 +136,14 @@ def read_held(path: Path, iterations: int, *, keeps_later: bool) -> tuple[Record
     """
     found = intact_messages(path) if os.path.lexists(path) else []
     with faults_named(path):
-        finished = 0
-        for stored in found:
-            finished += stored.kind == f"{PACKAGE}Update" and _content(stored).iteration == finished + 1
-        messages = list(_until(found, min(finished, iterations - 1), keeps_later))
+        ends = [0]  # numbers of messages up to update 0, 1, 2, ...
+        for count, each in enumerate(found, 1):
+            if each.kind == UPDATE and decoded(each.content, each.kind, each.definition).iteration == len(ends):
+                ends.append(count)
+        kept = ends[min(len(ends), iterations) - 1]
+        later = (each for each in found[kept:] if each.kind == TASK or (keeps_later and each.kind != UPDATE))
+        messages = [*found[:kept], *later]
         recording = recording_of(messages)
+    finished = len(ends) - 1
     require(finished <= iterations, "iterations", f"at least {finished}, the finished ones", iterations)
     return (recording, messages) if recording.heads else (Recording(), [])
-
-
-def _until(messages: Iterable[Stored], iterations: int, keeps_later: bool) -> Iterator[Stored]:
-    """Yield the messages up to the update of an iteration, and the headers or all messages but updates after it."""
-    is_past = iterations == 0
-    for stored in messages:
-        is_update = stored.kind == f"{PACKAGE}Update"
-        if not is_past or (not is_update and (keeps_later or stored.kind == f"{PACKAGE}Task")):
-            yield stored
-        if is_update and not is_past:
-            is_past = _content(stored).iteration == iterations
-
-
-def _content(stored: Stored) -> Any:
-    return decoded(stored.content, stored.kind, stored.definition)

@@ -5,6 +5,7 @@ r"""Bayesian regression with a linear and a kernel part; the evidence selects th
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +57,8 @@ class Coefficients(NamedTuple):
     signal: Array
 
 
-class Fit(NamedTuple):
+@dataclass(frozen=True)
+class Fit:
     """A regression in one basis.
 
     Attributes:

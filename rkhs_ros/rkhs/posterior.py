@@ -22,33 +22,24 @@ from scipy.linalg import cho_solve
 from scipy.special import ndtri
 
 from rkhs_ros.base.endings import deferred_signals
-from rkhs_ros.rkhs.evidence import LINEAR_SD, SMOOTH, Coefficients, Hyperprior, best_fit, features_of
+from rkhs_ros.rkhs.evidence import LINEAR_SD, SMOOTH, Fit, Hyperprior, best_fit, features_of
 from rkhs_ros.rkhs.kernels import Array, rowwise_matmul, spreads
 from rkhs_ros.rkhs.metric_learning import Coordinates, Standardizer, fit_metric
-from rkhs_ros.rkhs.newton import NewtonBasis
 
 WAVES = 128  # frequencies that represent the prior outside the span of the centres; a power of 2
 
 
 @dataclass(frozen=True)
-class Posterior:
+class Posterior(Fit):
     """The posterior distribution of functions from d to k dimensions.
 
     Attributes:
         points: maps points to coordinates.
         targets: standardises the targets.
-        basis: basis of the kernel part, as a function of coordinates.
-        bandwidth: bandwidth of its kernel, in units of the coordinates.
-        coefficients: posterior of the coefficients of the constant, the linear and the kernel part.
-        evidence: log density of the standardised targets, up to a constant.
     """
 
     points: Coordinates
     targets: Standardizer
-    basis: NewtonBasis
-    bandwidth: float
-    coefficients: Coefficients
-    evidence: float
 
     @classmethod
     def fit(
@@ -81,7 +72,7 @@ class Posterior:
         alike = hyperprior.bandwidths == hyperprior.metric_bandwidths
         final = None if alike else partial(regress, bandwidths=hyperprior.bandwidths)
         coordinates, best = fit_metric(Coordinates(units), points, y, roots, of_metric, final, centred=centred)
-        return cls(coordinates, of_targets, best.basis, best.bandwidth, best.coefficients, best.evidence)
+        return cls(**vars(best), points=coordinates, targets=of_targets)
 
     def features(self, points: Array) -> Array:
         """Return the constant, linear and kernel features of points of shape (n, d): shape (n, p)."""

@@ -10,7 +10,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from rkhs_ros.base.user_code import is_interrupt, isolated_from_user_code, user_module
-from rkhs_ros.base.validation import hint, require, truncated
+from rkhs_ros.base.validation import hint, prefixed, require, truncated
 from rkhs_ros.rollouts.env_batch import AnyEnv, AnyVectorEnv, EnvBatch, SeparateEnvs, VectorEnvBatch
 
 Source = str | AnyEnv | AnyVectorEnv | Callable[[], AnyEnv | AnyVectorEnv]
@@ -24,11 +24,9 @@ def spec_of(environment: str) -> EnvSpec:
         ValueError: the id is unknown, or its module cannot be imported.
     """
     module, _, name = environment.rpartition(":")
-    try:
-        if module:
+    if module:
+        with prefixed(f"unknown environment '{truncated(environment)}'"):
             user_module(module, f"add --env {truncated(environment)}")
-    except ValueError as error:
-        raise ValueError(f"unknown environment '{truncated(environment)}': {error}") from error
     try:
         return gymnasium.spec(name)
     except gymnasium.error.Error as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rkhs_ros.base.settings import Entry, build, entries
-from rkhs_ros.base.validation import hint, require, truncated
+from rkhs_ros.base.validation import hint, prefixed, require, truncated
 from rkhs_ros.base.yaml_text import OF_ANY_NODE, PARAMETERS, loaded, read_sections, require_ros_value
 from rkhs_ros.learning.training_settings import Training
 from rkhs_ros.policies.storage import Task
@@ -152,10 +152,8 @@ def load_config(path: Path, changes: Iterable[str] = ()) -> Config:
         remedy = f". For an environment, use --env {path}" if ENVIRONMENT.search(str(path)) else ""
         raise FileNotFoundError(f"{path}: no such configuration{remedy}")
     sections = _sections(path)
-    try:
+    with prefixed(path):
         _config_in(sections, path.stem, ())  # without the changes, whose errors do not name the file
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     return _config_in(sections, path.stem, changes)
 
 
@@ -170,7 +168,7 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
     """Return the configuration in the sections of a file, with a default for its name and some settings replaced."""
     robot = {node: sections[node] for node in ROBOT_NODES if node in sections}
     learner, simulator = sections["learner"], sections.get("simulator", {})
-    tree = {"name": name, **learner, "environment": {**learner, **simulator}.get("environment", {})}
+    tree = {"name": name, **learner}
     if robot:
         require("simulator" not in sections, "sections", "either a simulator or a robot", "both")
         missing = [node for node in ROBOT_NODES[:2] if node not in robot]
@@ -180,11 +178,10 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         nodes = {node: tree.pop(node) for node in robot}
         require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
         environment = Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)
-        del tree["environment"]
     else:
         unknown = [key for key in simulator if key != "environment"]
         require(not unknown, "simulator", "the key 'environment'", ", ".join(map(str, unknown)))
-        tree = tree_of(changes, tree)
+        tree = tree_of(changes, {"environment": {}} | tree | simulator)
         environment = environment_from(tree.pop("environment"))
     return Config(environment, build(Training, tree))
 

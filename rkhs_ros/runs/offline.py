@@ -14,8 +14,7 @@ from rkhs_ros.learning.state import Known, State, first_state
 from rkhs_ros.learning.training import with_action_repeat
 from rkhs_ros.learning.training_settings import ModelBased, Training
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.recordings.recording import Head, Recording
-from rkhs_ros.runs.config import config_of
+from rkhs_ros.recordings.recording import Recording
 
 MODEL = "model={form: gaussian_process}"
 HELD_OUT = 0.2  # share of the episodes that tests a model of the others
@@ -76,12 +75,6 @@ def all_episodes(recordings: Mapping[str, Recording]) -> Episodes:
 def _task(recording: Recording, episodes: Episodes) -> tuple[Any, ...]:
     task = recording.head.task
     return task.environment, dict(task.options), *episodes.observations.shape[1:], episodes.actions.shape[2]
-
-
-def offline_settings(head: Head, changes: Iterable[str]) -> Training:
-    """Return the settings of a recording with model-based training, without evaluation, and with some changes."""
-    training = config_of(head.configuration).training
-    return config_of(head.configuration, offline_changes(training, changes)).training
 
 
 def offline_changes(training: Training, changes: Iterable[str]) -> list[str]:

@@ -20,7 +20,6 @@ from rich.progress import (
 from rich.table import Column
 from rich.text import Text
 
-from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.iteration import Iteration, with_error
 from rkhs_ros.learning.state import settings_of
 from rkhs_ros.learning.training_settings import Training
@@ -71,7 +70,7 @@ def progress_bar(
     with _TwoLines(*bar_columns(), console=console, disable=quiet or not is_bar) as progress:
         bar = progress.add_task(training.name, total=training.iterations, completed=done, returns="returns: -")
 
-        def show(iteration: Iteration, advice: Advice | None = None) -> None:
+        def show(iteration: Iteration, advice: str | None = None) -> None:
             nonlocal evaluation, due
             if len(iteration.evaluation):
                 evaluation = with_error(iteration.evaluation_return, iteration.evaluation_error)

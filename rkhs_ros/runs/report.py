@@ -13,7 +13,6 @@ from shlex import quote
 from rkhs_ros import __version__
 from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.yaml_text import dumped
-from rkhs_ros.learning.diagnosis import Advice
 from rkhs_ros.learning.iteration import Iteration, Row, with_error
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.spaces import Spaces
@@ -145,7 +144,7 @@ class Report:
     def _save(self, name: str, policy: GaussianPolicy) -> None:
         save_policy(self.folder / name, policy, self._config.task, self._spaces)
 
-    def advise(self, advice: Advice) -> None:
+    def advise(self, advice: str) -> None:
         """Append a line to advice.txt."""
         write_whole(self.folder / ADVICE, "".join(f"{line}\n" for line in [*advice_in(self.folder), advice]).encode())
 

@@ -8,7 +8,7 @@ from typing import Any
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.diagnosis import Advice, Diagnosis
+from rkhs_ros.learning.diagnosis import Diagnosis
 from rkhs_ros.learning.episodes import discard
 from rkhs_ros.learning.iteration import Iteration, Row
 from rkhs_ros.learning.training import train
@@ -20,7 +20,7 @@ from rkhs_ros.runs.recorded import RecordableRunner, recorded
 from rkhs_ros.runs.report import Report, advice_in, begin, is_started, new_folder, old_folder
 
 OnIteration = Callable[[Iteration, Sequence[Row]], None]  # takes an iteration and the curve so far
-OnAdvice = Callable[[Advice], None]
+OnAdvice = Callable[[str], None]
 
 
 def run_training(

@@ -18,7 +18,7 @@ from rkhs_ros.view.iteration_panel import IterationPanel
 from rkhs_ros.view.page import OpenReports, Page, status
 from rkhs_ros.view.recorded import Recorded, state_of
 
-LOCAL = ("127.0.0.1", "::1", "0.0.0.0", "localhost")
+LOCAL = ("127.0.0.1", "0.0.0.0", "localhost")
 REFRESH_S = 0.5  # between reads of the run
 TICK_S = 0.05  # between reads of the controls
 REST_S = 5.0  # without a browser until the nodes' reports stop; longer than a browser needs to reload the page

@@ -106,11 +106,6 @@ class VectorTask(VectorEnv[Array, Array, Any]):
         """
         return states.copy()
 
-    @property
-    def states(self) -> Array:
-        """The current states, shape (num_envs, state_dim)."""
-        return self._states
-
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:

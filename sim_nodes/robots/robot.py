@@ -109,18 +109,6 @@ class Robot(ABC):
     def description(self) -> str:
         """Return the robot's URDF."""
 
-    def hear(self, command: Any) -> None:
-        """Receive a command."""
-        self.state = self.state.heard(command)
-
-    def trip(self, kind: str, reason: str) -> None:
-        """Make a protective stop for a violation."""
-        self.state = self.state.tripped(kind, reason)
-
-    def reset(self) -> None:
-        """Reset the protective stop."""
-        self.state = self.state.reset()
-
 
 class Wire(Generic[T]):
     """One direction of a connection, which delays or loses messages and preserves their order.
@@ -185,7 +173,7 @@ class Hardware:
         for arrival, command in self._commands.arrived(now):
             self._simulate(arrival)
             self.commands += 1
-            self.robot.hear(command)
+            self.robot.state = self.robot.state.heard(command)
         self._simulate(now)
         return [sample for _, sample in self._samples.arrived(now)]
 

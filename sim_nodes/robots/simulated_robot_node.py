@@ -153,7 +153,8 @@ class SimulatedRobotNode(ReportingNode):
             return
         before, self._crowded = self._crowded, rivals(self, self._topics.command_topic)
         if self._crowded and not before:
-            self._topics.robot.trip(SECOND_PUBLISHER, f"expected one publisher, got {self._crowded}")
+            robot, reason = self._topics.robot, f"expected one publisher, got {self._crowded}"
+            robot.state = robot.state.tripped(SECOND_PUBLISHER, reason)
         self._publish_report()
         self._report_at = now + REPORT_PERIOD_S
 
@@ -175,7 +176,7 @@ class SimulatedRobotNode(ReportingNode):
         if self._crowded:
             response.message = f"expected one publisher, got {self._crowded}"
             return response
-        self._topics.robot.reset()
+        self._topics.robot.state = self._topics.robot.state.reset()
         response.success = True
         return response
 

@@ -33,7 +33,7 @@ def test_the_nodes_of_the_launch_file_learn_on_a_simulated_robot(start: Start, t
     given.write_text(dumped(load_config(CONFIG, (*QUICK, "iterations=1")).parameters()))
     if launches:
         words = ("simulated:=true", f"config:={given}", f"output:={folder}")
-        code, _, err = start("ros2", "launch", ROOT / "launch" / "robot.launch.py", *words).finish()
+        code, _, err = start("ros2", "launch", ROOT / "launch" / "train.launch.py", *words).finish()
     else:
         words = ("--ros-args", "--params-file", given)
         for name in NODES[:-1]:

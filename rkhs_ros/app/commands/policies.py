@@ -48,6 +48,7 @@ def run_evaluate(options: argparse.Namespace) -> int:
 
 def _evaluate_on_robot(options: argparse.Namespace, config: Config) -> int:
     """Start the robot's nodes for evaluation episodes; the learner node prints the return."""
+    require(options.env is None, "--env", "none for a policy of a robot", options.env)
     require_ros("rkhs evaluate")
     folder = options.policy if options.policy.is_dir() else options.policy.parent
     policy = last_policy(folder) if options.policy.is_dir() else options.policy

@@ -26,7 +26,7 @@ from rkhs_ros.recordings.recording import FILE, Recording, read_recording
 from rkhs_ros.runs.config import Config, Environment, config_of, load_config, tree_of
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
-from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes, offline_settings
+from rkhs_ros.runs.offline import all_episodes, learn_offline, offline_changes
 from rkhs_ros.runs.progress import progress_bar
 from rkhs_ros.runs.recorded import head_of_run
 from rkhs_ros.runs.replay import DifferenceError, replay
@@ -128,7 +128,9 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
     task = recording.head.task
     recorded = task.environment, dict(task.options)
     if file is None:
-        return Config(Environment(*recorded), offline_settings(recording.head, changes)), recording.head.spaces
+        stored = recording.head.configuration
+        training = config_of(stored, offline_changes(config_of(stored).training, changes)).training
+        return Config(Environment(*recorded), training), recording.head.spaces
     config = load_config(file, offline_changes(load_config(file).training, changes))
     known = config.environment.id, dict(config.environment.options)
     require(known == recorded, f"{file}: environment", f"the environment of {name}", known)

@@ -15,7 +15,7 @@ import numpy as np
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked, write_whole
 from rkhs_ros.base.processes import one_thread
-from rkhs_ros.base.validation import require, require_ros
+from rkhs_ros.base.validation import prefixed, require, require_ros
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.robot.tuning import Trials, Tuning, best_places, next_places, noise_of, tuning_from
 from rkhs_ros.runs.report import new_folder
@@ -40,12 +40,10 @@ def add_tune_node(parser: argparse.ArgumentParser) -> None:
 def run_tune_node(options: argparse.Namespace) -> int:
     """Run the trials; print the best parameters, and write them to a file for ``ros2 param load``."""
     require_ros("rkhs tune-node")
-    try:
+    with prefixed(options.file):
         tree = loaded(options.file.read_text())
         tuning = tuning_from(tree)
         tuning = replace(tuning, trials=tuning.trials if options.trials is None else options.trials)
-    except ValueError as error:
-        raise ValueError(f"{options.file}: {error}") from error
     folder = options.out or Path("results", options.file.stem)
     from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS
 

@@ -114,7 +114,7 @@ def learn(node: LearnerNode, stop: Stop, draw: Draw) -> None:
                     tensorboard=node.tensorboard,
                     is_robot=node.runner.is_robot,
                     on_iteration=lambda _, rows: node.publish_progress(folder, rows),
-                    on_advice=lambda advice: node.get_logger().warning(str(advice)),
+                    on_advice=lambda advice: node.get_logger().warning(advice),
                 )
         except (StoppedError, KeyboardInterrupt):
             node.get_logger().info(interruption_summary(folder, config))

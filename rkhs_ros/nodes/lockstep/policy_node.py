@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from rkhs_interfaces.msg import Action
-from rkhs_interfaces.msg import Observation as ObservationMessage
+from rkhs_interfaces.msg import Action, Observation as ObservationMessage
 from rkhs_interfaces.srv import SetPolicy
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, unconnected

@@ -29,8 +29,7 @@ from rkhs_ros.nodes.robot.gate_messages import (
 from rkhs_ros.robot import gate
 from rkhs_ros.robot.feedback import stale
 from rkhs_ros.robot.gate_settings import GateSettings, rules
-from rkhs_ros.robot.gate_state import STOP_REQUESTED, Counts, Gate, Mode
-from rkhs_ros.robot.gate_state import Command as GateCommand
+from rkhs_ros.robot.gate_state import STOP_REQUESTED, Command as GateCommand, Counts, Gate, Mode
 from rkhs_ros.robot.limits import Setpoint
 from rkhs_ros.robot.sensors import JOINT_STATE
 

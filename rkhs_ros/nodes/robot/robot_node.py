@@ -12,8 +12,7 @@ from rkhs_interfaces.msg import Episodes
 from rkhs_interfaces.srv import DescribeTask, StartEpisodes
 from rkhs_ros.base.endings import RunError, SilentError
 from rkhs_ros.base.validation import require
-from rkhs_ros.learning.episodes import Episodes as EpisodeValues
-from rkhs_ros.learning.episodes import Execution
+from rkhs_ros.learning.episodes import Episodes as EpisodeValues, Execution
 from rkhs_ros.nodes.core.diagnostics import Diagnostics, unconnected
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS, batch_of
 from rkhs_ros.nodes.core.parameters import declare, declared, given

@@ -175,6 +175,12 @@ def test_evaluate_measures_with_and_without_discount(rkhs: Run, policy_file: Pat
         assert measured["interval_95"] == pytest.approx([returns.mean() - half, returns.mean() + half], rel=1e-7)
 
 
+def test_the_policy_of_a_robot_is_not_evaluated_in_another_environment(rkhs: Run, policy_file: Path) -> None:
+    (policy_file.parent / "config.yaml").write_text(CONFIG.with_name("robot_pendulum.yaml").read_text())
+    refused = rkhs("evaluate", policy_file, "--env", "Pendulum-v1")
+    assert_refused(refused, "--env: expected none for a policy of a robot, got Pendulum-v1")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),

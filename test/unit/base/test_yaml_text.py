@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.base.yaml_text import MOST_BYTES, dumped, loaded, read_yaml, require_ros_value
 

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.replay import SAMPLES_AT_ONCE, check_actions

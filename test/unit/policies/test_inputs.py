@@ -1,15 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.learning.replay import check_actions
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.policies.inputs import Inputs
-from rkhs_ros.policies.messages import policy_message
-from rkhs_ros.policies.messages import policy_of as policy_in
+from rkhs_ros.policies.messages import policy_message, policy_of as policy_in
 from rkhs_ros.policies.storage import policy_arrays, policy_of
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import ConstantVariance

@@ -2,8 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
 from rkhs_ros.rkhs.function import Function

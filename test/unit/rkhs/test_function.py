@@ -2,8 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.rkhs.function import BLOCK_ROWS, Function, grid
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial

@@ -28,7 +28,7 @@ def test_slopes_match_finite_differences(rng: np.random.Generator) -> None:
     fit = best_fit(x, y, np.ones((60, 1)), 40)
     units = Standardizer(np.zeros(D), np.ones(D))
     to = Standardizer(np.zeros(2), np.ones(2))
-    posterior = Posterior(Coordinates(units), to, fit.basis, fit.bandwidth, fit.coefficients, fit.evidence)
+    posterior = Posterior(**vars(fit), points=Coordinates(units), targets=to)
     at, step = rng.normal(size=(5, D)), 1e-5
     found = slopes(fit, at)
     for j, e in enumerate(step * np.eye(D)):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from rkhs_ros.rkhs.newton import NewtonBasis, pivoted_cholesky

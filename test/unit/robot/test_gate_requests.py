@@ -1,8 +1,7 @@
 """Stop requests on a topic."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.robot.gate_state import Publishers, StopRequests
 

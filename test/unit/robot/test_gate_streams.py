@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from rkhs_ros.robot.gate_state import Mode, Rules
 from rkhs_ros.robot.limits import EFFORT, KINDS, POSITION, advance, rest_at

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.robot.reset import Home, Joints, Means, Reset, ResetError, Trigger, path_home, reset_steps
 

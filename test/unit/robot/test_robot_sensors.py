@@ -4,8 +4,7 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.robot.sensors import ReceivedMessage, SensingError, Sensor, Sensors, field_values, paths_of
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.robot.task import Commands, End, Reward, robot_task_from

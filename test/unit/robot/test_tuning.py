@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.robot.tuning import Parameter, Trials, best_places, next_places, noise_of, tuning_from
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import rkhs_ros
 from rkhs_ros.app.robots import check_robot
@@ -75,6 +74,11 @@ def test_changes_replace_the_files_settings_and_nothing_else(write: Any) -> None
 def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         load_config(write(MINIMAL + "learner: {ros__parameters: {seed: 0}}\n"), [change])
+
+
+def test_a_robot_has_no_settings_of_a_simulator() -> None:
+    with pytest.raises(ValueError, match="unknown key 'environment'"):
+        load_config(CONFIGS[0].with_name("robot_pendulum.yaml"), ["environment.id=Pendulum-v1"])
 
 
 @pytest.mark.parametrize(

@@ -92,14 +92,14 @@ def test_each_environment_ends_and_restarts_alone_beyond_the_rail() -> None:
     forces = np.array([[10.0], [0.0], [-5.0]])
     ends = []
     for _ in range(14):
-        before = task.states.copy()
+        before = task._states.copy()
         observations, rewards, terminated, truncated, _ = task.step(forces)
         restarted = ends[-1] if ends else np.zeros(3, dtype=bool)
         assert np.array_equal(terminated, (np.abs(observations[:, 0]) > 0.3))
         assert (rewards[restarted] == 0.0).all()
-        assert (np.abs(task.states[restarted]) < 0.06).all()
+        assert (np.abs(task._states[restarted]) < 0.06).all()
         moved = task.transition(before, forces, np.empty((3, 0)))
-        np.testing.assert_array_equal(task.states[~restarted], moved[~restarted])
+        np.testing.assert_array_equal(task._states[~restarted], moved[~restarted])
         assert not truncated.any()
         ends.append(terminated)
     counts = np.sum(ends, axis=0)

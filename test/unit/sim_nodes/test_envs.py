@@ -5,8 +5,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from sim_nodes.envs import TASKS
 from sim_nodes.envs.control_tasks import BallOnBeam

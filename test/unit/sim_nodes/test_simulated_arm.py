@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from sim_nodes.robots.arm import CENTRE, HOME, ArmRobot, ArmSettings, first_phase, mark_at
 from sim_nodes.robots.drives import BANDWIDTH, KINDS, DriveLimits, Drives, JointCommand

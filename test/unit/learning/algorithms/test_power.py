@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.algorithms.power import PoWER
 from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER

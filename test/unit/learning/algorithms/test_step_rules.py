@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.algorithms.step_rules import KLStep, LineSearch
 from rkhs_ros.policies.gaussian import GaussianPolicy

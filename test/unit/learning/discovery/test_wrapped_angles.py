@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.discovery import TURNS, with_angles, with_wrapped_angles
 from rkhs_ros.learning.episodes import Episodes

@@ -29,10 +29,10 @@ from test.unit.learning.model.test_model_rollouts import (
     certain,
     linear,
     policy_of,
+    reward as task_reward,
     simulated_episodes,
     transitions,
 )
-from test.unit.learning.model.test_model_rollouts import reward as task_reward
 
 CONFIG = Path(__file__).parents[4] / "config" / "toy_model_nac.yaml"
 

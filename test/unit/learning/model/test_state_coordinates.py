@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.model.state_coordinates import RADIANS, StateCoordinates
 from rkhs_ros.policies.inputs import Inputs

@@ -8,8 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
