@@ -7,7 +7,6 @@ from test.docs.pages import PAGES, ROOT
 GLOSSARY = ROOT / "docs" / "glossary.md"
 SOURCES = [path for package in ("rkhs_ros", "sim_nodes") for path in sorted((ROOT / package).rglob("*.py"))]
 TEXTS = [*SOURCES, *(page for page in PAGES if page != GLOSSARY)]
-# Patterns of whole words.
 
 
 def terms() -> dict[str, str]:

@@ -33,7 +33,7 @@ def test_public_names_exist_and_match_those_for_type_checkers() -> None:
     source = (ROOT / "rkhs_ros" / "__init__.py").read_text()
     for name in rkhs_ros.__all__:
         assert callable(getattr(rkhs_ros, name))
-        assert f"import {name} as {name}\n" in source
+        assert f" {name} as {name}" in source
     assert {cls.__name__ for cls in ALGORITHMS.values()} <= set(rkhs_ros.__all__)
     with pytest.raises(AttributeError, match=r"has no attribute 'trian', known: .*train"):
         rkhs_ros.trian  # type: ignore[attr-defined]  # noqa: B018
@@ -86,18 +86,12 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
     ("arguments", "settings", "message"),
     [
         (("Pendulum-v1",), {"callbck": print}, r"^unknown setting 'callbck', did you mean 'callback'\?$"),
-        (("Pendulum-v1",), {"iterations": -3}, r"^iterations: expected a number in \[1, 1000000\], got -3$"),
         (("Pendulum-v1",), {"policy": 3}, r"^policy: expected a Policy or a policy file, got 3$"),
         (("Pendulum-v1", rkhs_ros.PoWER), {}, r"^algorithm: expected an instance such as RKHSNAC\(\), got <class"),
         (("Pendulum-v1",), {"callback": "stop"}, r"^callback: expected a function of a Result, got stop$"),
         (("Pendulum-v1",), {"centers": 9}, r"^unknown setting 'centers', did you mean RKHSNAC\(centres=\.\.\.\)\?$"),
         (("Pendulum-v1",), {"inputs": rkhs_ros.Inputs(degree=3)}, r"^inputs.degree: expected 0, since .*, got 3$"),
         (("Pendulum-v1",), {"horizon": 1_000_000, "evaluation_episodes": 11}, r"^horizon: expected at most 10000000"),
-        (
-            ("Pendulum-v1", rkhs_ros.ENAC(grid=(-1.0, 1.0, 3.0) * 2)),
-            {},
-            r"^algorithm.grid: expected 3 numbers, or 3 for",
-        ),
         (("Pendulum-v1", "enac"), {"inputs": rkhs_ros.Inputs(history=3)}, r"^algorithm.grid: expected at most 100000"),
         (
             ("Pendulum-v1",),

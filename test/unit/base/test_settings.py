@@ -3,14 +3,13 @@ from typing import Any
 
 import pytest
 
-import rkhs_ros
-from rkhs_ros.base.settings import Settings, build, entries, setting
+from rkhs_ros.base.settings import build, entries, setting
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.rkhs_power import RKHSPoWER
 from rkhs_ros.learning.algorithms.step_rules import FixedStep
 from rkhs_ros.learning.kernel_choice import KernelChoice
 from rkhs_ros.learning.training_settings import Training
-from rkhs_ros.rkhs.kernels import Kernel, Product, Sum
+from rkhs_ros.rkhs.kernels import Sum
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,7 @@ def test_settings_created_in_python_are_checked(make: Any, message: str) -> None
         make()
 
 
-def public_settings() -> list[type]:
-    classes = [each for name in rkhs_ros.__all__ if isinstance(each := getattr(rkhs_ros, name), type)]
-    return [each for each in classes if issubclass(each, Settings | Kernel) and fields(each)]
-
-
-@pytest.mark.parametrize("cls", [*public_settings(), Training, Sum, Product])
+@pytest.mark.parametrize("cls", [Training, RKHSNAC, Sum])
 def test_an_unknown_keyword_suggests_the_closest_setting(cls: type) -> None:
     for f in fields(cls):
         with pytest.raises(TypeError, match=rf"^{cls.__name__}: unknown setting '{f.name}x', did you mean '{f.name}'"):

@@ -1,13 +1,13 @@
 """Policies that hold actions: decisions, acting, the choice of the action repeat, and training."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from rkhs_ros.learning.algorithms.algorithm import Experience, Update
 from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
-from rkhs_ros.learning.algorithms.step_rules import LineSearch
 from rkhs_ros.learning.discovery import change_per_decision, choose_action_repeat, correct_action_repeat
 from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.model_based.training_in_model import model_rollouts_of
@@ -200,11 +200,18 @@ def test_training_chooses_the_action_repeat_and_resumes_with_it() -> None:
 
 
 def test_a_line_search_compares_the_returns_of_decisions() -> None:
-    search = RKHSAC(step=LineSearch())
-    (iteration,) = train(replace(SHORT, iterations=1, action_repeat=3, algorithm=search), pendulum())
-    assert iteration.tried
-    for tried in iteration.tried:
-        assert np.array_equal(np.repeat(tried.actions[:, ::3], 3, axis=1)[:, : SHORT.horizon], tried.actions)
+    returns = []
+
+    @dataclass(frozen=True)
+    class Trying(RKHSAC):
+        def update(self, policy: GaussianPolicy, experience: Experience) -> Update:
+            returns.append(experience.collect(policy, 2).returns(experience.discount))
+            return super().update(policy, experience)
+
+    training = replace(SHORT, iterations=1, action_repeat=3, horizon=198, discount=0.9, algorithm=Trying())
+    ((tried,),) = (iteration.tried for iteration in train(training, pendulum()))
+    np.testing.assert_allclose(returns, [tried.returns(0.9)])
+    assert np.array_equal(np.repeat(tried.actions[:, ::3], 3, axis=1), tried.actions)
 
 
 def small_model(training: Training) -> Training:

@@ -10,7 +10,6 @@ import pytest
 
 from rkhs_ros.learning.diagnosis import (
     SIGNS,
-    Diagnosis,
     Summary,
     advice_on,
     exploits_model,
@@ -145,20 +144,3 @@ def test_a_task_that_truncates_its_episodes_is_noticed() -> None:
     runner = InlineRunner(Simulation(env))
     for each in train(TRAINING, runner):
         assert summary_of(each, each.exploration, each.evaluation, runner.spaces).is_cut
-
-
-def test_advice_is_given_once_and_not_again_after_a_resumption(toy: list[Iteration]) -> None:
-    spaces = InlineRunner(Simulation("rkhs/Toy-v0")).spaces
-    none = np.zeros_like(toy[0].exploration.rewards)
-    silent = [
-        replace(
-            each, exploration=replace(each.exploration, rewards=none), evaluation=replace(each.evaluation, rewards=none)
-        )
-        for each in toy
-    ]
-    diagnosis = Diagnosis(spaces)
-    given = [diagnosis.advise(each) for each in [*silent, *silent]]
-    (advice,) = [each for each in given if each is not None]
-    assert given[2] == advice == SIGNS[0][1]
-    resumed = Diagnosis(spaces, given=[str(advice)])
-    assert [resumed.advise(each) for each in silent] == [None] * 3

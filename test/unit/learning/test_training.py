@@ -145,16 +145,12 @@ def test_a_mean_without_features_stays_0(algorithm: str) -> None:
 
 
 class Numbered:
-    """A runner that stores the requested batches and returns arbitrary episodes."""
+    """A runner whose observations are the numbers of the episodes."""
 
     spaces = Spaces.unbounded(2, 1)
 
-    def __init__(self) -> None:
-        self.batches: list[Batch] = []
-
     def collect(self, policy: GaussianPolicy, batch: Batch) -> Episodes:
         shape = (batch.num_envs, batch.horizon)
-        self.batches.append(batch)
         numbers = np.broadcast_to(np.array(batch.episodes)[:, None, None], (*shape, 2)).astype(float)
         rewards = np.full(shape, float(batch.explore))
         return Episodes.without_ends(numbers, np.zeros((*shape, 1)), rewards, np.ones(shape, bool))

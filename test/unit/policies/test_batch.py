@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from scipy import special
 
 from rkhs_ros.policies.gaussian import Acting
-from rkhs_ros.policies.streams import TAPS, Batch, pink, stream, stream_seed
+from rkhs_ros.policies.streams import TAPS, Batch, pink
 from test.unit.conftest import random_policy
 
 numbers = st.integers(0, 2**63 - 100)  # the numbers of all parts must stay below 2^63
@@ -25,16 +25,6 @@ def test_splitting_a_batch_keeps_the_order_and_seeds_of_its_episodes(
     assert [row for part in parts for row in zip(part.episodes, part.environment_seeds(), strict=True)] == whole
     sizes = [part.num_envs for part in parts]
     assert max(sizes) <= min(count, min(sizes) + 1)
-
-
-def test_streams_have_stable_names() -> None:
-    # Replaying a recording needs the same names, because other names draw other actions.
-    exploring, evaluation = Batch(5, 10, 2, 3, explore=True), Batch(5, 7, 2, 3, explore=False)
-    draws = [stream(5, "training/exploration", number).standard_normal((3, 2)) for number in (10, 11)]
-    assert np.array_equal(exploring.exploration(2), draws)
-    for batch, kind in ((exploring, "training"), (evaluation, "evaluation")):
-        seeds = [stream_seed(5, f"{kind}/environment", number) for number in batch.episodes]
-        assert batch.environment_seeds() == seeds
 
 
 def test_without_exploration_the_actions_are_the_mean(rng: np.random.Generator) -> None:
@@ -58,13 +48,6 @@ def test_pink_noise_matches_its_formula(rng: np.random.Generator, horizon: int) 
         newest_first = white[:, t::-1][:, : len(part)]
         expected = np.einsum("k,rkj->rj", part, newest_first) / np.sqrt(part @ part)
         np.testing.assert_allclose(noise[:, t], expected, rtol=0, atol=1e-11)
-
-
-def test_each_step_has_variance_one_and_depends_on_no_later_draw() -> None:
-    horizon = TAPS + 100
-    made_of = pink(np.eye(horizon)[:, :, None])[:, :, 0]  # contribution of each draw (row) to each step (column)
-    np.testing.assert_allclose((made_of**2).sum(axis=0), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(np.tril(made_of, -1), 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("noise", ["white", "pink"])

@@ -50,23 +50,6 @@ def test_inputs_match_the_definition_of_the_window(
     np.testing.assert_array_equal(points, expected)
 
 
-@given(history=st.integers(1, 5), degree=st.integers(0, 2), horizon=st.integers(1, 8), seed=st.integers(0, 999))
-def test_unfolding_matches_single_steps_and_ignores_the_future(
-    history: int, degree: int, horizon: int, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    inputs = Inputs(history=history, angles=(1.0,), degree=degree)
-    observations, actions = rng.normal(size=(3, horizon, 2)), rng.normal(size=(3, horizon, 1))
-    together = inputs.unfold(observations, actions)
-    for t in range(horizon):
-        observed, done = observations.copy(), actions.copy()
-        observed[:, t + 1 :] = np.nan  # the future must not matter
-        done[:, t:] = np.nan
-        for row in range(3):
-            alone = inputs.at(np.array([t]), observed[row : row + 1], done[row : row + 1])
-            assert np.array_equal(alone[0, 0], together[row, t])
-
-
 def test_windows_contain_the_clipped_actions_everywhere(rng: np.random.Generator) -> None:
     runner, batch = InlineRunner(Simulation("rkhs/Pendulum-v0")), Batch(3, 20, 4, 9, explore=True)
     inputs, wide = Inputs(history=3).within(runner.spaces), ConstantVariance(np.array([400.0]))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from rkhs_ros.policies.variance import ConstantVariance, FunctionVariance, KernelVariance
-from rkhs_ros.rkhs.function import Function
+from rkhs_ros.policies.variance import ConstantVariance, KernelVariance
 from rkhs_ros.rkhs.kernels import RBF, Kernel, Polynomial
 from test.unit.conftest import kl_between, random_policy
 
@@ -80,22 +79,6 @@ def test_decay_shrinks_the_standard_deviation_but_not_below_its_minimum(
     assert decayed == pytest.approx(min(sd, max(sd * factor, minimum)), rel=1e-9)
 
 
-@given(
-    seed=st.integers(0, 10_000),
-    distance=st.floats(0, 1e8),
-    scale=st.sampled_from([0.0, 1e-9, 1.0, 1e9]),
-    kernel=st.sampled_from([RBF((0.1,)), RBF((1.0, 5.0)), Polynomial(1.0, 2)]),
-)
-def test_a_function_variance_is_the_clipped_function(seed: int, distance: float, scale: float, kernel: Kernel) -> None:
-    rng = np.random.default_rng(seed)
-    function = Function(kernel, rng.normal(size=(6, 2)), scale * rng.normal(size=(6, 3)))
-    low, high = np.array([1e-4, 0.1, 1.0]), np.array([1e-3, 1.0, 1.0])
-    x = distance * rng.normal(size=(20, 2))
-    there = FunctionVariance(function, low, high)(x)
-    expected = [[min(max(g, a), b) for g, a, b in zip(row, low, high, strict=True)] for row in function(x)]
-    assert np.array_equal(there, expected)
-
-
 over_variances = pytest.mark.parametrize("learnt", [False, True], ids=["constant variance", "learnt variance"])
 
 
@@ -118,12 +101,3 @@ def test_actions_have_the_policys_mean_and_variance(rng: np.random.Generator, le
     sd = np.sqrt(policy.variance(x)[0])
     assert np.all(np.abs(actions.mean(axis=0) - policy.mean(x)[0]) < 5 * sd / 200)  # five standard errors
     np.testing.assert_allclose(actions.std(axis=0), sd, rtol=0.02)  # five standard errors of 0.35 %
-
-
-@over_variances
-@pytest.mark.parametrize("kernel", [RBF((0.7,)), Polynomial(1.0, 2)], ids=str)
-def test_an_action_does_not_depend_on_other_environments(rng: np.random.Generator, learnt: bool, kernel: RBF) -> None:
-    policy = random_policy(rng, d=3, n=2, m=23, kernel=kernel, learnt=learnt)
-    x, exploration = rng.normal(size=(31, 3)), rng.standard_normal((31, 2))
-    rows = [policy.act(x[i : i + 1], exploration[i : i + 1]) for i in range(31)]
-    assert np.array_equal(np.concatenate(rows), policy.act(x, exploration))

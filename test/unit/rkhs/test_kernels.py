@@ -15,7 +15,6 @@ from rkhs_ros.rkhs.kernels import (
     deviations,
     kernel_from_terms,
     median_bandwidth,
-    rowwise_matmul,
     spreads,
 )
 
@@ -149,15 +148,6 @@ def test_a_row_does_not_depend_on_other_rows(
             assert np.array_equal(np.concatenate(parts), together)
         order = rng.permutation(len(x))
         assert np.array_equal(of(x[order]), together[order])
-
-
-@given(rows=st.integers(1, 30), inner=st.integers(1, 50), columns=st.integers(1, 5), seed=st.integers(0, 99))
-def test_rowwise_matmul_is_the_product_and_independent_by_row(rows: int, inner: int, columns: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    x, matrix = rng.normal(size=(rows, inner)), rng.normal(size=(inner, columns))
-    product = rowwise_matmul(x, matrix)
-    np.testing.assert_allclose(product, x @ matrix, rtol=1e-10, atol=1e-12)
-    assert np.array_equal(product, np.concatenate([rowwise_matmul(row[None], matrix) for row in x]))
 
 
 @given(arrays(np.float64, st.tuples(st.integers(2, 12), st.integers(1, 3)), elements=numbers))

@@ -49,20 +49,6 @@ def test_the_metric_finds_the_direction_of_a_ridge_function(rng: np.random.Gener
     assert abs(cosine) > 0.99 * np.linalg.norm(direction * Standardizer.of(x).scale)
 
 
-def test_the_metric_improves_predictions_of_a_ridge_function(
-    rng: np.random.Generator, direction: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    x, elsewhere = rng.normal(size=(N, D)), rng.normal(size=(300, D))
-
-    def error() -> float:
-        fitted = Posterior.fit(x, along(x, direction), 100)
-        return float(np.sqrt(np.mean((fitted.mean(elsewhere) - along(elsewhere, direction)) ** 2)))
-
-    with_axes = error()
-    monkeypatch.setattr(metric_learning, "ROUNDS", 0)
-    assert with_axes < 0.5 * error()
-
-
 def test_the_centred_metric_leaves_a_strong_linear_trend_to_the_linear_part(
     rng: np.random.Generator, direction: np.ndarray
 ) -> None:

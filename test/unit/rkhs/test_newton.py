@@ -44,15 +44,6 @@ def test_each_pivot_is_the_point_farthest_from_the_span_so_far(kernel: Kernel, r
 
 
 @over_kernels
-def test_the_basis_is_orthonormal_in_the_space(kernel: Kernel, rng: np.random.Generator) -> None:
-    x = rng.normal(size=(30, 2))
-    basis = NewtonBasis.of(kernel, x, pivoted_cholesky(kernel, x, 8))
-    functions = [basis.function(unit[:, None]) for unit in np.eye(8)]
-    products = [[inner(f, g) for g in functions] for f in functions]
-    np.testing.assert_allclose(products, np.eye(8), atol=1e-8)
-
-
-@over_kernels
 @given(seed=st.integers(0, 500))
 def test_a_function_evaluates_as_coefficients_times_basis(kernel: Kernel, seed: int) -> None:
     rng = np.random.default_rng(seed)

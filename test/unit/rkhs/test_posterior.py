@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
@@ -200,16 +199,6 @@ def test_a_draw_of_zeros_is_the_posterior_mean(rng: np.random.Generator, centres
     drawn = fitted.draw(np.zeros((len(x), *fitted.draw_shape)))
     np.testing.assert_allclose(drawn(x), fitted.mean(x), rtol=1e-9)
     np.testing.assert_allclose(drawn.along(x[None])[3], fitted.mean(x), rtol=1e-9)
-
-
-@given(first=st.integers(0, 6), size=st.integers(1, 6), seed=st.integers(0, 99))
-def test_draws_do_not_depend_on_each_other(first: int, size: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    x = points_of(rng, 40)
-    fitted = Posterior.fit(x, targets_of(rng, x, 3), 20)
-    normals, at = rng.standard_normal((12, *fitted.draw_shape)), points_of(rng, 12)
-    part = slice(first, first + size)
-    np.testing.assert_array_equal(fitted.draw(normals[part])(at[part]), fitted.draw(normals)(at)[part])
 
 
 def test_far_from_all_points_the_kernel_part_has_its_prior_uncertainty(

@@ -68,14 +68,6 @@ def test_a_truncated_basis_only_selects(seed: int, d: int, budget: int, ridge: f
     assert fit.error == pytest.approx(fit.residuals[-1] / fit.residuals[0])
 
 
-def test_repeated_candidates_change_nothing() -> None:
-    points, targets, candidates = problem(7)
-    once = pursue(KERNEL, points, targets, candidates, budget=6)
-    thrice = pursue(KERNEL, points, targets, np.tile(candidates, (3, 1)), budget=6)
-    np.testing.assert_allclose(thrice.residuals, once.residuals, rtol=1e-9)
-    assert (thrice.chosen % len(candidates)).tolist() == once.chosen.tolist()
-
-
 def test_dependent_candidates_are_skipped(rng: np.random.Generator) -> None:
     kernel: Kernel = Polynomial(1.0, 1)  # spans 1, x, y: at most three independent functions
     points, candidates = rng.normal(size=(30, 2)), rng.normal(size=(10, 2))

@@ -1,7 +1,6 @@
 """What a run found about its task, in the form of settings."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.storage import load_policy
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from rkhs_ros.runs.config import Config, load_config
+from rkhs_ros.runs.config import load_config
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.report import start_from
 from rkhs_ros.runs.run import run_training
@@ -30,27 +29,21 @@ def runner() -> InlineRunner:
     return InlineRunner(Simulation("rkhs/Pendulum-v0", WRAP))
 
 
-def learn(folder: Path, config: Config = CONFIG, **how: Any) -> Path:
-    return run_training(config, runner(), folder, quiet=True, **how)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return learn(tmp_path_factory.mktemp("whole") / "run")
-
-
 def returns(folder: Path) -> list[tuple[float, ...]]:
     return [(row.exploration_return, row.evaluation_return) for row in Curve(folder / "curve.csv").rows()]
 
 
 def test_the_found_settings_repeat_the_run_and_come_with_its_policy(
-    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    whole = run_training(CONFIG, runner(), tmp_path / "whole")
+    assert ": found " in capsys.readouterr().err
     policy = load_policy(whole / "policy.npz")[0]
     found = settings_of(Known(0, CONFIG.training.inputs), Known(policy.action_repeat, policy.inputs))
     assert found
     assert load_config(whole / "config.yaml") == CONFIG
-    assert returns(learn(tmp_path / "given", load_config(whole / "config.yaml", found))) == returns(whole)
+    given = run_training(load_config(whole / "config.yaml", found), runner(), tmp_path / "given", quiet=True)
+    assert returns(given) == returns(whole)
     (folder := tmp_path / "run").mkdir()
     start_from(folder, CONFIG, policy, runner().spaces)
     run_training(CONFIG, runner(), folder)

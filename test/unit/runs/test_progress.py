@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from rkhs_ros.learning.iteration import Row
+from rkhs_ros.learning.iteration import Row, with_error
 from rkhs_ros.learning.training import train
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
@@ -54,15 +54,15 @@ def test_without_a_terminal_lines_appear_periodically_and_at_the_end(
     monkeypatch.setattr(progress, "LINE_PERIOD_S", period)
     config = load_config(CONFIG, ["iterations=4", "episodes_per_iteration=2"])
     with progress_bar(config.training) as show:
-        returns = []
         for iteration in train(config.training, InlineRunner(Simulation("rkhs/Toy-v0"))):
             show(iteration)
-            returns.append(iteration.exploration_return)
     out, err = capsys.readouterr()
     lines = err.splitlines()
     assert out == ""
     assert [line.split()[2] for line in lines] == numbers
-    assert f"toy_nac: iteration 4 of 4, returns: exploration {returns[-1]:.4g}, evaluation " in lines[-1]
+    evaluation = with_error(iteration.evaluation_return, iteration.evaluation_return_sd / 3)  # of 10 episodes
+    returns = f"exploration {iteration.exploration_return:.4g}, evaluation {evaluation}"
+    assert f"toy_nac: iteration 4 of 4, returns: {returns}" in lines[-1]
 
 
 def test_the_remaining_time_follows_from_the_last_iterations() -> None:

@@ -13,7 +13,7 @@ from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
 from rkhs_ros.runs.config import Config, Environment, load_config
 from rkhs_ros.runs.curve import BEGINNING, Curve
-from rkhs_ros.runs.report import evaluation_bounds, summary
+from rkhs_ros.runs.report import Report, evaluation_bounds, summary
 from rkhs_ros.runs.run import run_training
 from test.unit.conftest import arrays_of, model_free
 
@@ -76,17 +76,29 @@ def test_a_mean_is_shown_with_its_standard_error_unless_that_is_negligible() -> 
 
 @pytest.mark.parametrize("every", [0, 1])
 def test_the_summary_gives_returns_of_one_kind(tmp_path: Path, runner: InlineRunner, every: int) -> None:
-    config = replace(CONFIG, training=replace(TRAINING, evaluate_every=every))
+    config = replace(CONFIG, training=replace(TRAINING, evaluate_every=every, evaluation_episodes=5))
     folder = run_training(config, runner, tmp_path / "run", quiet=True)
     first, last = Curve(folder / "curve.csv").rows()
     returns = f"{first.exploration_return:.4g} in the first iteration, {last.exploration_return:.4g} in the last"
     if every:
-        shown = [with_error(each.evaluation_return, each.evaluation_return_sd) for each in (first, last)]
+        shown = [with_error(each.evaluation_return, each.evaluation_return_sd / 2) for each in (first, last)]
         undiscounted = f"undiscounted {last.undiscounted_evaluation_return:.4g}"
-        returns = f"{shown[0]} after episode 3, {shown[1]} after episode 6 ({undiscounted}), at best "
+        returns = f"{shown[0]} after episode 3, {shown[1]} after episode 6 ({undiscounted})"
+        best = max((0, 1), key=evaluation_bounds([first, last]).__getitem__)
+        returns += f", at best {shown[best]} after episode {3 * (best + 1)}"
     assert f"Discounted return: {returns}" in summary(folder, config)
 
 
 def test_lines_give_the_bounds_of_their_own_episodes() -> None:
     rows = [row(0, nan, nan), row(1, 4.0, 0.0), row(1, nan, nan), row(6, 5.0, 4.0)]
     assert evaluation_bounds(rows) == [-inf, 4.0, -inf, 5.0 - 4.0 / 2]
+
+
+def test_a_greater_mean_of_luckier_episodes_does_not_replace_the_best_policy(
+    tmp_path: Path, runner: InlineRunner
+) -> None:
+    report = Report(tmp_path, CONFIG, runner.spaces)
+    first, second = train(TRAINING, runner)
+    for iteration, returns in ((first, [1.0, 1.0]), (second, [0.0, 3.0])):  # bounds of 1 and 0
+        report.add(replace(iteration, evaluation_returns=np.array(returns)))
+    assert report.best_policy is first.policy

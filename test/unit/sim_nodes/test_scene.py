@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from sim_nodes.envs.scene import BLUE, FINER, ORANGE, Body, Camera, matrices, quaternions
 
-DOOR = "rkhs/PR2Door-v0"
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 seeds = st.integers(0, 10_000)

@@ -173,7 +173,9 @@ def test_tasks_define_a_scene(environment: str) -> None:
     assert np.allclose(np.linalg.norm(motion.orientations, axis=2), 1.0)
 
 
-def test_a_task_without_a_scene_is_not_created_and_has_a_timeline() -> None:
+def test_a_task_without_a_scene_is_not_created_and_has_a_timeline(monkeypatch: pytest.MonkeyPatch) -> None:
+    created = "gymnasium.envs.classic_control.Continuous_MountainCarEnv.__init__"
+    monkeypatch.setattr(created, lambda *args, **options: pytest.fail("created"))
     assert scene_of(Task("MountainCarContinuous-v0", {}, 10, 0.99)) is None
     assert scene_of(Task("nobody/Knows-v0", {}, 10, 0.99)) is None
     timeline = Timeline(names_of(SimpleNamespace(environment="?"), 20, 2))

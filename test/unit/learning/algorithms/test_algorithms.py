@@ -48,16 +48,13 @@ def test_an_update_modifies_no_input_and_is_deterministic(algorithm: Algorithm, 
     episodes = random_episodes(rng, policy, masked=True)
     memory = random_episodes(rng, policy, 3, masked=True)
     inputs = {f"{i}{k}": v for i, given in enumerate((policy, episodes, memory)) for k, v in arrays_of(given).items()}
-    before = {name: array.tobytes() for name, array in inputs.items()}
     for array in inputs.values():
         array.setflags(write=False)
     first, second = (learn(algorithm, policy, episodes, memory=memory) for _ in range(2))
-    assert {name: array.tobytes() for name, array in inputs.items()} == before
     assert first.metrics == second.metrics
-    for one, other in ((first.policy, second.policy),):
-        got, expected = arrays_of(one), arrays_of(other)
-        assert got.keys() == expected.keys()
-        assert all(got[name].tobytes() == expected[name].tobytes() for name in expected)
+    got, expected = arrays_of(first.policy), arrays_of(second.policy)
+    assert got.keys() == expected.keys()
+    assert all(got[name].tobytes() == expected[name].tobytes() for name in expected)
 
 
 @over_algorithms

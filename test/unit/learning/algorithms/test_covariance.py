@@ -1,10 +1,9 @@
-"""The natural gradient does not depend on the coordinates of the function space; the plain gradient does."""
+"""The natural gradient does not depend on the coordinates of the function space."""
 
 import numpy as np
 import pytest
 
 from rkhs_ros.learning.algorithms.actor_critic import ActorCritic
-from rkhs_ros.learning.algorithms.rkhs_ac import RKHSAC
 from rkhs_ros.learning.algorithms.rkhs_nac import RKHSNAC
 from rkhs_ros.learning.algorithms.step_rules import FixedStep, KLStep
 from rkhs_ros.learning.episodes import Episodes
@@ -57,11 +56,6 @@ def moves(algorithm: ActorCritic, mean: np.ndarray) -> list[np.ndarray]:
     return changes
 
 
-def difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the distance between two functions' values after both are normalised to length 1."""
-    return float(np.linalg.norm(one / np.linalg.norm(one) - other / np.linalg.norm(other)))
-
-
 MEANS = [np.zeros(6), np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.003])]
 
 
@@ -80,24 +74,12 @@ def test_the_natural_gradient_does_not_change_with_the_parametrisation(
 
 
 @over_critics
-@pytest.mark.parametrize("mean", MEANS, ids=["from 0", "from a polynomial"])
-def test_the_plain_gradient_changes_with_the_parametrisation(critic: str, mean: np.ndarray) -> None:
-    common = {"critic": critic, "ridge": 1e-2}
-    first, *others = moves(RKHSAC(centres=20, step=FixedStep(1e-6), **common), mean)
-    assert all(difference(first, other) > 0.1 for other in others)
-
-
-@over_critics
-@pytest.mark.parametrize("linear", [True, False], ids=["linear", "rbf"])
 def test_scaling_the_coordinates_does_not_change_the_critic_of_a_linear_kernel(
-    rng: np.random.Generator, critic: str, linear: bool
+    rng: np.random.Generator, critic: str
 ) -> None:
-    policy = random_policy(rng, d=6, kernel=LINEAR) if linear else random_policy(rng)
+    policy = random_policy(rng, d=6, kernel=LINEAR)
     samples = RKHSNAC(centres=6).samples(policy, random_episodes(rng, policy, 8, 10, masked=True))
     units = 10 ** rng.uniform(-3, 3, samples.features.shape[1])
     scaled = Samples(**{**vars(samples), "features": samples.features * units})
     w, v = (estimate(critic, 0.1, s) for s in (samples, scaled))
-    if linear:
-        np.testing.assert_allclose(scaled.features @ v, samples.features @ w, rtol=1e-6, atol=1e-9)
-    else:
-        assert difference(scaled.features @ v, samples.features @ w) > 0.1
+    np.testing.assert_allclose(scaled.features @ v, samples.features @ w, rtol=1e-6, atol=1e-9)

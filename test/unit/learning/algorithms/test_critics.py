@@ -55,25 +55,14 @@ def test_the_step_critic_is_least_squares_with_rows_for_the_penalties(
 def test_pursuit_of_steps_with_enough_atoms_is_ridge_regression_after_the_value(
     samples: Callable[..., Samples], trace: float
 ) -> None:
-    data = one_dimensional(samples(12, 8, 5, masked=True))
+    data = samples(12, 8, 5, masked=True)  # of one action: w has as many coordinates as the pursuit may choose atoms
+    data = replace(data, exploration=data.exploration[:, :1], variance=data.variance[:, :1])
     values = ValueBaseline(0.3).values(data, DISCOUNT)
     by_step = np.zeros(data.episodes.mask.shape)
     by_step[data.episodes.mask] = values
     targets = data.episodes.flat(data.episodes.lambda_returns(by_step, DISCOUNT, trace)) - values
+    scale = np.sqrt(np.mean(data.variance))
+    rows = scale * data.features * data.exploration / data.variance
+    expected = scale * np.linalg.solve(rows.T @ rows + 0.2 * len(rows) * np.eye(5), rows.T @ targets)
     got = pursuit_critic(data, DISCOUNT, 0.2, ValueBaseline(0.3, trace))
-    assert_is_ridge_regression(got, data, score_rows(data), targets)
-
-
-def one_dimensional(samples: Samples) -> Samples:
-    """Keep one action dimension, so that w has as many coordinates as the pursuit may choose atoms."""
-    return replace(samples, exploration=samples.exploration[:, :1], variance=samples.variance[:, :1])
-
-
-def score_rows(samples: Samples) -> np.ndarray:
-    return np.sqrt(np.mean(samples.variance)) * samples.features * samples.exploration / samples.variance
-
-
-def assert_is_ridge_regression(w: np.ndarray, samples: Samples, rows: np.ndarray, targets: np.ndarray) -> None:
-    expected = np.linalg.solve(rows.T @ rows + 0.2 * len(rows) * np.eye(5), rows.T @ targets)
-    scale = np.sqrt(np.mean(samples.variance))
-    np.testing.assert_allclose(w[:, 0], scale * expected, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(got[:, 0], expected, rtol=1e-8, atol=1e-10)

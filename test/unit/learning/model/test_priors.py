@@ -61,7 +61,6 @@ def functions(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         likely=lambda rows: np.linspace(0.0, 1.0, len(rows)),
         not_finite=lambda *rows: np.full(len(rows[0]), np.nan),
         column=lambda *rows: np.ones((len(rows[0]), 1)),
-        turned=lambda *rows: np.ones_like(rows[0]).T,
     )
     monkeypatch.setitem(sys.modules, "known_task", module)
     return module

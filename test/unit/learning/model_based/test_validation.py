@@ -16,7 +16,6 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.learning.iteration import Iteration
 from rkhs_ros.learning.model.dynamics_model import DynamicsModel
 from rkhs_ros.learning.model.model_rollouts import ModelRunner
-from rkhs_ros.learning.model_based.real_experience import RealExperience
 from rkhs_ros.learning.model_based.validation import Validation, recommended
 from rkhs_ros.learning.state import first_policy
 from rkhs_ros.learning.training import train
@@ -25,10 +24,10 @@ from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.streams import Batch, stream, stream_seed
 from rkhs_ros.policies.variance import ConstantVariance
 from rkhs_ros.rkhs.function import Function
-from rkhs_ros.rkhs.kernels import RBF, Array
+from rkhs_ros.rkhs.kernels import RBF
 from rkhs_ros.rollouts.inline_runner import InlineRunner
 from rkhs_ros.rollouts.simulation import Simulation
-from test.unit.conftest import model_free, refuse
+from test.unit.conftest import model_free
 
 HORIZON = 12
 PENDULUM = "rkhs/Pendulum-v0"
@@ -128,39 +127,6 @@ def fitted(training: Training, episodes: Episodes) -> ModelRunner:
     assert model.starts_vary == (len(episodes) == 1)  # a single start does not show that others equal it
     worlds = [stream(training.seed, f"world {world}", 0) for world in range(5 if model.starts_vary else 1)]
     return ModelRunner(model, visited_starts=model.starts_vary, worlds=worlds)
-
-
-def first_experience(training: Training, episodes: Episodes) -> RealExperience:
-    """Return the input of the training in the model in the first iteration."""
-    return RealExperience(training, Simulation(PENDULUM).spaces, episodes, len(episodes), 1, 0)
-
-
-def weights_of_updates(training: Training, episodes: Episodes) -> list[Array]:
-    """Return the weights after each update of the first iteration, by the definition."""
-    settings, runner, experience = training.model, fitted(training, episodes), first_experience(training, episodes)
-    assert isinstance(settings, ModelBased)
-    points, variance, rkhs_nac = episodes.flat(episodes.observations), experience.first_variance, RKHSNAC(centres=12)
-    algorithm = replace(rkhs_nac, ridge=rkhs_nac.ridge / 100.0, value_ridge=rkhs_nac.value_ridge / 100.0)
-    policy = first_policy(training, experience.spaces)
-    policy = replace(policy, mean=Function.constant(training.kernel.fit(points, 1), 2, 1), noise="white")
-    deviation, memory, weights = np.sqrt(variance), Episodes.none(HORIZON, 2, 1), []
-    for number in range(settings.updates):
-        policy = replace(policy, variance=ConstantVariance(deviation**2))
-        seed = stream_seed(training.seed, "practice", experience.iteration)
-        batch = Batch(seed, number * settings.rollouts, settings.rollouts, HORIZON, explore=True)
-        rollouts = Experience(runner.collect(policy, batch), training.discount, memory, refuse, variance, number)
-        policy, _ = algorithm.update(policy, rollouts)
-        memory = algorithm.remembered(rollouts.episodes + memory, training.discount)
-        weights.append(policy.mean.weights)
-        deviation = np.maximum(deviation * 0.97, 0.1 * np.sqrt(variance))
-    return weights
-
-
-def test_validation_chooses_among_the_same_updates() -> None:
-    (iteration,) = learn(replace(TRAINING, iterations=1))
-    weights = weights_of_updates(TRAINING, iteration.exploration)
-    candidates = weights[4::5]
-    assert any(np.array_equal(iteration.policy.mean.weights, candidate) for candidate in candidates)
 
 
 @pytest.mark.parametrize("episodes", [1, 2])
