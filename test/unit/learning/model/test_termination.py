@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rkhs_ros.learning.model.termination import Limits, fit_termination
+from rkhs_ros.learning.model.transitions import Transitions
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.rkhs.posterior import Posterior
 
@@ -21,6 +22,17 @@ def drawn(limits: Limits | Posterior | None, count: int = 200) -> Array:
 def is_beyond(limits: Array, points: Array) -> Array:
     """Return whether points, shape (n, q), are beyond the limits of a draw, shape (2, q)."""
     return np.asarray(((points < limits[0]) | (points > limits[1])).any(axis=1))
+
+
+@given(st.lists(st.booleans(), min_size=1), st.integers(1, 30))
+def test_thinned_transitions_are_evenly_spaced_and_keep_all_ends(ended: list[bool], most: int) -> None:
+    terminated, numbers = np.array(ended), np.arange(float(len(ended)))
+    rows = numbers[:, None]
+    kept = Transitions(rows, rows, rows, rows, numbers, terminated).thinned(most)
+    spaced = {number for number in numbers if number % np.ceil(len(ended) / most) == 0}
+    assert len(spaced) <= most
+    assert kept.rewards.tolist() == sorted(spaced | set(numbers[terminated]))
+    assert kept.terminated.sum() == terminated.sum()
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
