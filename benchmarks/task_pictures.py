@@ -1,6 +1,7 @@
 """Draw the curves of the table of tasks: a picture of each task, and one of all."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,11 @@ from task_table import Cell, Cells, profile, with_minus
 from trial import TASKS, Point
 
 STEPS = (1.0, 2.0, 5.0)  # of logarithmic axes
-COLOURS = {learner: f"C{number}" for number, learner in enumerate(LEARNERS)}
+LINES = "-", (0, (7, 1)), "-.", (0, (4, 1, 1, 1, 1, 1)), ":", "--", (0, (1, 3))  # told apart without colours, too
+STYLES: dict[str, dict[str, Any]] = {
+    learner: {"color": f"C{number}", "linestyle": LINES[number], "linewidth": 1.5 if number else 2.0}
+    for number, learner in enumerate(LEARNERS)
+}
 
 
 def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
@@ -31,7 +36,7 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
             at = at[at >= first]  # before, the median would be of some runs alone
             steady = [_held(cell, curve, counted, at) for curve in cell.curves]
             low, middle, high = np.quantile(steady, (0.25, 0.5, 0.75), axis=0)
-            (line,) = panel.plot(at * unit, middle, label=learner, color=COLOURS[learner])
+            (line,) = panel.plot(at * unit, middle, label=f"{learner} ({len(steady)})", **STYLES[learner])
             panel.fill_between(at * unit, low, high, alpha=0.2, color=line.get_color(), linewidth=0)
     for panel, name in zip(panels, units, strict=True):
         _count_along(panel, name)
@@ -45,7 +50,7 @@ def picture(task: str, cells: Mapping[str, Cell]) -> Figure:
         panel.annotate(
             with_minus(f"{least:g}"), (1.01, least), xycoords=("axes fraction", "data"), va="center", fontsize=8
         )
-    panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted)
+    panels[0].set_ylabel("return" + " (discounted)" * TASKS[task].discounted + ", logarithmic" * (least < 0.0))
     names = panels[0].get_legend_handles_labels()
     figure.legend(*names, loc="outside upper center", ncols=len(cells), fontsize="small", frameon=False, title=task)
     return figure
@@ -79,8 +84,8 @@ def picture_of_all(cells: Cells) -> Figure:
             ends = [getattr(curve[-1], measure) for its in common for curve in its[learner].curves]
             at = np.unique([count for each in (*counts, ends) for count in each if np.isfinite(count)])
             share = profile(counts, at)
-            panel.step(at, share.value, where="post", label=learner, color=COLOURS[learner])
-            panel.fill_between(at, share.low, share.high, step="post", alpha=0.2, color=COLOURS[learner], linewidth=0)
+            (line,) = panel.step(at, share.value, where="post", label=learner, **STYLES[learner])
+            panel.fill_between(at, share.low, share.high, step="post", alpha=0.2, color=line.get_color(), linewidth=0)
         _count_along(panel, measure)
         panel.set(xlim=(1.0, None), ylim=(-0.03, 1.03))
     panel.legend(fontsize="small", frameon=False)

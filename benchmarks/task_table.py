@@ -44,6 +44,12 @@ class Cell(NamedTuple):
         """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
         return median_until(self.counts(threshold, measure))
 
+    def shown(self) -> str:
+        """Return the median episodes until the first threshold, its interval and how many runs reached it."""
+        reached, runs = len(self.curves) - self.first(self.task.thresholds[0]).count(None), len(self.curves)
+        number = f"{runs}" if reached == runs else f"{reached} of {runs}"
+        return f"{shown(self.until(self.task.thresholds[0], 'episodes'))} ({number})"
+
     def median(self) -> str:
         """Return the median episodes until the first threshold, without its interval."""
         return shown(self.until(self.task.thresholds[0], "episodes")._replace(low=np.nan))
@@ -166,10 +172,7 @@ def summary(cells: Cells) -> str:
     lines.append("|---" * (4 + len(learners)) + "|")
     for task, its in cells.items():
         threshold = TASKS[task].thresholds[0]
-        found = [
-            f"{shown(its[each].until(threshold, 'episodes'))} ({len(its[each].curves)})" if each in its else "-"
-            for each in learners
-        ]
+        found = [its[each].shown() if each in its else "-" for each in learners]
         name = f"[`{task}`](results/tasks/{task}.png)" if "ours" in its else f"`{task}`"
         kept = its["ours"].below(threshold) if "ours" in its else "-"
         lines.append(
@@ -198,7 +201,7 @@ def published(cells: Cells) -> list[str]:
         found = [((line["task"], line["learner"]), float(line["return"])) for line in csv.DictReader(file)]
     returns = {key: np.mean([value for name, value in found if name == key]) for key, _ in found}
     learners = dict.fromkeys(learner for _, learner in returns)
-    lines = [f"| Task | `ours` at the end | Episodes | {' | '.join(f'{each} after 100' for each in learners)} |"]
+    lines = [f"| Task | `ours` at the end | Episodes | {' | '.join(f'{each}, 100 episodes' for each in learners)} |"]
     lines.append("|---" * (3 + len(learners)) + "|")
     for task in dict.fromkeys(task for task, _ in returns):
         if ours := cells.get(task, {}).get("ours"):

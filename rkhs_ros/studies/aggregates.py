@@ -6,6 +6,7 @@ Statistical Precipice". A stratum contains the runs with equal settings: the boo
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -73,15 +74,17 @@ def _estimate(statistic: Callable[..., Any], values: Array) -> Estimate:
     value = statistic(values, axis=0)
     if len(values) == 1:
         return Estimate(value, value * np.nan, value * np.nan)
-    from scipy.stats import bootstrap
+    from scipy.stats import DegenerateDataWarning, bootstrap
 
-    interval = bootstrap(
-        (values,),
-        statistic,
-        n_resamples=RESAMPLES,
-        batch=max(BATCH_NUMBERS // values.size, 1),
-        confidence_level=CONFIDENCE,
-        method="percentile",
-        random_state=np.random.default_rng(SEED),  # scipy 1.15 and later also accept the name rng
-    ).confidence_interval
+    with catch_warnings():
+        simplefilter("ignore", DegenerateDataWarning)  # of runs that are all equal
+        interval = bootstrap(
+            (values,),
+            statistic,
+            n_resamples=RESAMPLES,
+            batch=max(BATCH_NUMBERS // values.size, 1),
+            confidence_level=CONFIDENCE,
+            method="percentile",
+            random_state=np.random.default_rng(SEED),  # scipy 1.15 and later also accept the name rng
+        ).confidence_interval
     return Estimate(value, interval.low, interval.high)
