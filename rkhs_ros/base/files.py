@@ -52,10 +52,10 @@ def named(path: Path) -> Iterator[None]:
 ATTEMPTS, PAUSE_S = 10, 0.002  # to take a lock, which `is_locked` of other processes shares for a moment
 
 
-def is_locked(folder: Path) -> bool:
-    """Return whether a process uses the run in a folder."""
+def is_locked(folder: Path, name: str = "lock") -> bool:
+    """Return whether a process holds the lock of a file in a run folder."""
     try:
-        with (folder / "lock").open("rb") as file:
+        with (folder / name).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
@@ -65,12 +65,12 @@ def is_locked(folder: Path) -> bool:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a run folder; the kernel releases it when this process ends, however it ends.
+def locked(folder: Path, name: str = "lock") -> Iterator[None]:
+    """Hold the lock of a file in a run folder; the kernel releases it when this process ends, however it ends.
 
     The file ``lock`` stays in the folder, because a new file would be another lock.
     """
-    with (folder / "lock").open("ab") as file:
+    with (folder / name).open("ab") as file:
         if not any(_is_taken(file) for _ in range(ATTEMPTS)):
             raise ValueError(f"{folder}: expected a free run folder, got one in use by another process")
         yield

@@ -10,15 +10,15 @@ from rich.console import Console
 
 from rkhs_interfaces.msg import GateState, LearningProgress
 from rkhs_ros.app.commands.view import reports_of
+from rkhs_ros.app.launcher import reserved_domain
 from rkhs_ros.nodes.core.diagnostics import DIAGNOSTICS_QOS, TOPIC
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.watch import COLUMNS, LAST_REFUSAL, MODE, OF_OURS, SERVICES, heading, problems, table
 from test.ros.conftest import Probe, Process
 
 
-def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, domain: int, tmp_path: Path) -> None:
+def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, tmp_path: Path) -> None:
     assert reports_of(tmp_path)() is None  # no run over topics is active
-    (tmp_path / "domain").write_text(f"{domain}\n")
     gate = probe.create_publisher(GateState, "gate/state", LATCHED_QOS)
     gate.publish(GateState(state="stopped", reason="too fast", commands=7, stops=1))
     progress = probe.create_publisher(LearningProgress, "progress", LATCHED_QOS)
@@ -28,7 +28,8 @@ def test_reports_of_a_run_arrive_until_they_are_closed(probe: Probe, domain: int
     policy = DiagnosticStatus(name="/policy", level=DiagnosticStatus.OK, message="ok", values=ours)
     robot = DiagnosticStatus(name="/robot", level=DiagnosticStatus.ERROR, message="stuck: too fast", values=ours)
     driver = DiagnosticStatus(name="/a driver")
-    reports = reports_of(tmp_path)()
+    with reserved_domain(tmp_path):
+        reports = reports_of(tmp_path)()
     assert reports is not None
 
     def heard() -> bool:
