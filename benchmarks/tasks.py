@@ -18,7 +18,7 @@ import numpy as np
 
 from command import ended, parsed, parser
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
-from rkhs_ros.base.endings import FAILED
+from rkhs_ros.base.endings import FAILED, deferred_signals
 from rkhs_ros.base.processes import one_thread
 from rkhs_ros.base.validation import pick, require
 from rkhs_ros.rollouts.environments import time_limit
@@ -115,7 +115,8 @@ def train_and_store(
             failed = True
             print(f"failed: {' '.join(map(str, key))}: {result}", file=sys.stderr)
         else:
-            add_curves(options.curves, {key: result})
+            with deferred_signals():  # an interruption must not lose a finished curve
+                add_curves(options.curves, {key: result})
             print(reached(key, result, known[key.task]), flush=True)
     return FAILED if failed else 0
 

@@ -15,7 +15,7 @@ from rkhs_ros.runs.report import begin, is_started
 from rkhs_ros.runs.run import run_training
 from rkhs_ros.studies.workers import WorkerLostError, run_parallel
 
-SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
+SEEDS, MOST_SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII), 10_000
 ADDRESS = re.compile(r"\w+://\S+:\d{1,5}", re.ASCII)  # of a Dask scheduler
 PREFIX = "seed_"  # of the folder names
 LAST_FILE, LAST_PICTURE = "policy.npz", "policy.png"  # that a run writes
@@ -45,6 +45,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
             raise ValueError(f"--seeds: expected seeds such as 0-9 or 0,2,5, got '{part}'")
         first, last = int(match[1]), int(match[2] or match[1])
         require(first <= last, "--seeds", "ascending ranges", part)
+        require(last - first < MOST_SEEDS, "--seeds", f"at most {MOST_SEEDS} seeds", part)
         seeds += range(first, last + 1)
     require(len(set(seeds)) == len(seeds), "--seeds", "each seed once", text)
     return tuple(sorted(seeds))

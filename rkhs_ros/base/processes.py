@@ -5,9 +5,10 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from runpy import run_module
+from threading import Lock
 from typing import Any
 
 PR_SET_PDEATHSIG = 1  # of prctl(2)
@@ -41,10 +42,33 @@ def python(module: str) -> list[str]:
 def one_thread() -> Iterator[None]:
     """Limit linear algebra to one thread within the context, overriding the environment.
 
-    At the sizes used here more threads are slower, and they change the order of sums and thus the last bits.
+    At the sizes used here more threads are slower, and they change the order of sums and thus the last bits. The limit
+    is one of the process: the first of simultaneous contexts sets it, and the last one removes it.
     """
-    with _linear_algebra().limit(limits=1):
+    with _LIMIT:
         yield
+
+
+class _Limit:
+    """The limit of the linear algebra in this process. Owns the number of contexts that need it."""
+
+    def __init__(self) -> None:
+        self._lock, self._users, self._undo = Lock(), 0, ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._users:
+                self._undo.enter_context(_linear_algebra().limit(limits=1))
+            self._users += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                self._undo.close()
+
+
+_LIMIT = _Limit()
 
 
 @cache

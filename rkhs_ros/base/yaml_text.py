@@ -48,9 +48,13 @@ class _Reader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        found = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 key.tag = f"{TAG}str"  # ROS reads every key as text, so a key may be called "on"
+                if key.value in found:
+                    raise yaml.YAMLError(f"line {key.start_mark.line + 1}: a second key '{key.value}'")
+                found.add(key.value)
         return yaml.constructor.BaseConstructor.construct_mapping(self, node, deep)
 
 

@@ -96,8 +96,9 @@ class SeparateEnvs:
             # The ellipsis keeps an action of shape () an array, like in its space.
             observation, reward, is_end, is_cut, _ = self._copies[i].step(actions[i, ...])
             self._observations[i] = self._real(observation)
-            rewards[i] = np.asarray(reward, dtype=np.float64).item()  # some environments return an array of one
-            terminated[i], truncated[i] = _flag(is_end, "terminated"), _flag(is_cut, "truncated")
+            rewards[i] = _numbers(reward, 1, "reward").item()
+            terminated[i] = _flags(is_end, 1, "terminated").item()
+            truncated[i] = _flags(is_cut, 1, "truncated").item()
         return self._observations.copy(), rewards, terminated, truncated
 
     def close(self) -> None:
@@ -157,12 +158,14 @@ class VectorEnvBatch:
         if spare:
             actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
         observations, rewards, terminated, truncated, info = self._current.step(actions)
+        rewards = _numbers(rewards, len(actions), "reward")
+        terminated = _flags(terminated, len(actions), "terminated")
+        truncated = _flags(truncated, len(actions), "truncated")
         if self._mode != AutoresetMode.NEXT_STEP:
             observations = self._with_final(observations, terminated | truncated, info)
         used = slice(self._count)
-        rewards = np.asarray(rewards).reshape(len(actions))
         # Copies, since the vector environment may use its arrays again.
-        return self._flat(observations), rewards[used], terminated[used].copy(), truncated[used].copy()
+        return self._flat(observations), rewards[used], terminated[used], truncated[used]
 
     def _with_final(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
         """Return the observations, with the final observation of each ended episode in every autoreset mode."""
@@ -227,12 +230,20 @@ def _real(observation: Any, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         return array.astype(kind)
 
 
-def _flag(value: Any, name: str) -> bool:
-    """Return a flag of a step; raise RunError unless it is true or false."""
-    array = np.asarray(value)
-    if array.size != 1 or array.dtype.kind not in FLAG_KINDS:
-        raise RunError(f"expected {name} to be True or False, got {truncated(repr(value))}")
-    return bool(array.item())
+def _numbers(values: Any, count: int, name: str) -> NDArray[Any]:
+    """Return a copy of the rewards of a step, shape (count,), since a vector environment may use its arrays again."""
+    array = np.array(values)
+    if array.size != count or array.dtype.kind not in REAL_KINDS:
+        raise RunError(f"expected {name} to be a real number for each environment, got {truncated(repr(values))}")
+    return array.reshape(count)  # some environments return an array of one
+
+
+def _flags(values: Any, count: int, name: str) -> Flags:
+    """Return a copy of the flags of a step, shape (count,); raise RunError unless they are true or false."""
+    array = np.asarray(values)
+    if array.size != count or array.dtype.kind not in FLAG_KINDS:
+        raise RunError(f"expected {name} to be True or False, got {truncated(repr(values))}")
+    return array.reshape(count).astype(bool)
 
 
 def _flat(env: AnyEnv) -> AnyEnv:

@@ -49,8 +49,8 @@ class Environment:
         require(good, "environment.num_envs", f"a whole number in [0, {MOST_ENVS}]", repr(self.num_envs))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
-        good = all(isinstance(parameters, Mapping) for parameters in self.nodes.values())
-        require(good, "environment.nodes", "a section for each node", repr(self.nodes))
+        for name, parameters in self.nodes.items():
+            require(isinstance(parameters, Mapping), name, "a section of keys", repr(parameters))
 
     def tree(self) -> dict[str, Any]:
         """Return the settings as a tree of values, without those that have their defaults."""
@@ -124,7 +124,7 @@ def environment_from(tree: Any) -> Environment:
     Raises:
         ValueError: a key is unknown, the id is missing, or the tree is not a section.
     """
-    known = {f.name: f for f in fields(Environment)}
+    known = {f.name: f for f in fields(Environment) if f.name != "nodes"}  # which are sections of their own
     require(isinstance(tree, Mapping), "environment", "a section of keys", repr(tree))
     for key in tree:
         if key not in known:
@@ -174,7 +174,9 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         missing = [node for node in ROBOT_NODES[:2] if node not in robot]
         require(not missing, "sections", "/**/robot and /**/gate", f"no {', no '.join(missing)}")
         require(bool(learner), "sections", "/**/learner, which is required for robots", "none")
+        tree.pop("environment", None)  # which the learner expects
         tree = tree_of(changes, tree | robot)
+        require("environment" not in tree, "environment", "no settings of a simulator for a robot", "some")
         nodes = {node: tree.pop(node) for node in robot}
         require(isinstance(nodes["robot"], Mapping), "robot", "a section of keys", repr(nodes["robot"]))
         environment = Environment(nodes["robot"].get("task", "robot"), {}, 1, nodes)

@@ -86,9 +86,11 @@ class Curve:
 
     def _row(self, number: int, line: str) -> Row:
         try:
-            return Row(*(kind(word) for kind, word in zip(KINDS.values(), line.split(","), strict=True)))
+            row = Row(*(kind(word) for kind, word in zip(KINDS.values(), line.split(","), strict=True)))
+            require(row.iteration == number - 1, "iteration", f"{number - 1}", row.iteration)
+            return row
         except ValueError as error:
-            expected = f"{len(KINDS)} numbers in line {number}"
+            expected = f"{len(KINDS)} numbers of iteration {number - 1} in line {number}"
             raise ValueError(f"{self.path}: expected {expected}, got {truncated(repr(line))}") from error
 
 

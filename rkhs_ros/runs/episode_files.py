@@ -46,7 +46,8 @@ def _episodes(arrays: Arrays) -> Episodes:
     for name in ("observations", "actions"):
         require(name in arrays, "arrays", f"an array {name}", ", ".join(sorted(arrays)) or "none")
         shape = arrays[name].shape
-        require(len(shape) == 3, name, "three dimensions: episodes, steps, components", shape)
+        good = len(shape) == 3 and shape[2] > 0
+        require(good, name, "three dimensions: episodes, steps, components, of which there is one or more", shape)
     shape = arrays["observations"].shape[:2]
     whole = Episodes.without_ends(
         observations=finite_array(arrays["observations"], arrays["observations"].shape, "observations"),
@@ -54,6 +55,8 @@ def _episodes(arrays: Arrays) -> Episodes:
         rewards=finite_array(arrays.get("rewards", np.zeros(shape)), shape, "rewards"),
         mask=_flags(arrays.get("mask", np.ones(shape, dtype=bool)), shape, "mask"),
     )
+    good = bool((whole.mask[:, 1:] <= whole.mask[:, :-1]).all())
+    require(good, "mask", "the first steps of each episode, without gaps", whole.mask)
     count, width = shape[0], arrays["observations"].shape[2]
     final = finite_array(
         arrays.get("final_observations", whole.final_observations), (count, width), "final_observations"

@@ -25,7 +25,7 @@ from rkhs_ros.recordings.recorder import Recorder, read_held
 from rkhs_ros.recordings.recording import FILE, Head, RecordedBatch, Recording
 from rkhs_ros.runs.config import Config, config_of
 from rkhs_ros.runs.curve import Curve
-from rkhs_ros.runs.report import initial_policy, provenance_lines, resolved
+from rkhs_ros.runs.report import INITIAL_POLICY, initial_policy, provenance_lines, resolved
 
 FREE = ("iterations", "timeout")  # settings that do not affect the result of an iteration
 SYNC_PERIOD_S = 1.0  # waiting for the disk takes longer than many iterations
@@ -210,7 +210,10 @@ def _changes(before: Sequence[str], now: Sequence[str]) -> str:
 
 
 def _check_same_run(folder: Path, began: Head, resumed: Head) -> None:
-    """Raise ValueError if a run resumes with another setting that affects its results."""
+    """Raise ValueError if a run resumes with another setting that affects its results, or without its first policy."""
+    both = ["none", "the initial policy of the run"]
+    expected, got = both[began.warm_start], both[resumed.warm_start]
+    require(expected == got, f"{folder / INITIAL_POLICY}", expected, got)
     old, new = (config_of(head.configuration).settings for head in (began, resumed))
     for name in [*new, *old]:
         expected, got = (each.get(name, "no such setting") for each in (old, new))

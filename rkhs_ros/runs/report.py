@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import write_whole
+from rkhs_ros.base.files import is_locked, write_whole
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.iteration import Iteration, Row, with_error
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -38,7 +38,8 @@ def new_folder(folder: Path | None, name: str) -> Path:
     """Create the folder of a run, or raise ValueError if it is in use; None stands for results/NAME/TIME."""
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
-    if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN):
+    is_used = folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN)
+    if is_used or is_locked(folder, "domain"):  # the nodes of a run may be starting
         raise ValueError(f"{folder}: expected a new or empty folder for the results, got one in use. Choose another")
     folder.mkdir(parents=True, exist_ok=True)
     return folder

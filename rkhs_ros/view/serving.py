@@ -44,6 +44,7 @@ def wait_for_recording(file: Path) -> Recorded:
 
 def opened(host: str, port: int) -> ViserServer:
     """Start a server at an address of this machine, else it would wait forever, on a port or the next free one."""
+    require(bool(host), "host", "an address of this machine", "none")  # which would stand for all
     try:
         create_server((host, 0)).close()
     except (OSError, UnicodeError) as error:

@@ -1,6 +1,7 @@
 """Tuning of a node's parameters: they are set again however the run ends, and the best ones load with ROS."""
 
 import os
+import re
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -103,6 +104,9 @@ def test_a_finished_run_is_not_repeated_and_another_tuning_is_refused(tuned: Tun
     code, _, err = ended(tuned, tune(parameters=narrow))
     assert (code, tuned.trials + tuned.rejected) == (2, trials)
     assert "expected a new folder, or the run of the same tuning and seed, got the run of another one" in err
+    with (tmp_path / "out" / "trials.csv").open("a") as file:
+        file.write("\n")
+    assert re.search(r"error: \S+trials.csv, line \d+: expected values of", ended(tuned, tune())[2])
     (tmp_path / "out" / "tuning.yaml").unlink()
     assert "one in use" in ended(tuned, tune())[2]
 

@@ -102,6 +102,8 @@ def run_offline(options: argparse.Namespace) -> int:
     files = [path for path in options.sources if path.suffix in (".yaml", ".yml")]
     require(len(files) <= 1, "offline", "at most one configuration", ", ".join(map(str, files)))
     recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
+    same = {(path / FILE if path.is_dir() else path).resolve() for path in map(Path, recordings)}
+    require(len(same) == len(recordings), "offline", "each recording once", ", ".join(recordings))
     require(bool(recordings), "offline", "at least one recording", "none")
     episodes = all_episodes(recordings)
     changes = [f"iterations={options.iterations}", f"horizon={episodes.horizon}"]
@@ -128,9 +130,10 @@ def _settings(recordings: dict[str, Recording], file: Path | None, changes: list
     task = recording.head.task
     recorded = task.environment, dict(task.options)
     if file is None:
-        stored = recording.head.configuration
-        training = config_of(stored, offline_changes(config_of(stored).training, changes)).training
-        return Config(Environment(*recorded), training), recording.head.spaces
+        before = config_of(recording.head.configuration)
+        after = config_of(recording.head.configuration, offline_changes(before.training, changes))
+        require(after.environment == before.environment, "--set", "no settings of the environment", "some")
+        return Config(Environment(*recorded), after.training), recording.head.spaces
     config = load_config(file, offline_changes(load_config(file).training, changes))
     known = config.environment.id, dict(config.environment.options)
     require(known == recorded, f"{file}: environment", f"the environment of {name}", known)

@@ -15,7 +15,7 @@ import numpy as np
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.files import locked, write_whole
 from rkhs_ros.base.processes import one_thread
-from rkhs_ros.base.validation import prefixed, require, require_ros
+from rkhs_ros.base.validation import prefixed, require, require_ros, truncated
 from rkhs_ros.base.yaml_text import dumped, loaded
 from rkhs_ros.robot.tuning import Trials, Tuning, best_places, next_places, noise_of, tuning_from
 from rkhs_ros.runs.report import new_folder
@@ -44,6 +44,7 @@ def run_tune_node(options: argparse.Namespace) -> int:
         tree = loaded(options.file.read_text())
         tuning = tuning_from(tree)
         tuning = replace(tuning, trials=tuning.trials if options.trials is None else options.trials)
+    require(0 <= options.seed < 2**63, "--seed", "a whole number in [0, 2^63)", options.seed)
     folder = options.out or Path("results", options.file.stem)
     from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS
 
@@ -82,8 +83,20 @@ class Record:
         self._columns = [*tuning.context, *tuning.parameters, "reward", "rejected", "repeats"]
         self.rows: list[list[Any]] = []
         if path.is_file():
-            _, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
-            self.rows = [[*map(float, row[:-2]), *row[-2:]] for row in rows]
+            head, *rows = list(csv.reader(path.read_text().splitlines())) or [[]]
+            require(head == self._columns, f"{path}", f"the columns {', '.join(self._columns)}", ", ".join(head))
+            self.rows = [self._row(number, row) for number, row in enumerate(rows, 2)]
+
+    def _row(self, number: int, row: list[str]) -> list[Any]:
+        """Return the values of a line of the file."""
+        what, expected = f"{self._path}, line {number}", f"values of {', '.join(self._columns)}"
+        try:
+            numbers, repeats = [float(each) for each in row[:-2]], int(row[-1] or 0) if row else 0
+        except ValueError as error:
+            raise ValueError(f"{what}: expected {expected}, got {truncated(row)}") from error
+        good = len(row) == len(self._columns) and bool(np.isfinite(numbers).all()) and 0 <= repeats < number - 1
+        require(good, what, expected, row)
+        return [*numbers, *row[-2:]]
 
     @property
     def trials(self) -> Trials:

@@ -70,6 +70,11 @@ def test_an_initial_policy_keeps_its_kernel(tmp_path: Path) -> None:
     rkhs_ros.train("rkhs/Toy-v0", policy=first, out=tmp_path / "run", **{**SHORT, "progress": False})
     observed = np.full((1, 1), 3.0)
     assert rkhs_ros.load(tmp_path / "run" / "initial_policy.npz")(observed) == first(observed)  # with the action bounds
+    (tmp_path / "run" / "initial_policy.npz").unlink()
+    with pytest.raises(ValueError, match=r"initial_policy\.npz: expected the initial policy of the run, got none"):
+        rkhs_ros.train(
+            "rkhs/Toy-v0", out=tmp_path / "run", resume=True, **{**SHORT, "progress": False, "iterations": 3}
+        )
     linear = rkhs_ros.train("rkhs/Toy-v0", kernel="linear", progress=False, **SHORT).policy
     with pytest.raises(ValueError, match="kernel: expected one without negative values"):
         rkhs_ros.train("rkhs/Toy-v0", rkhs_ros.RKHSPoWER(variance="learnt"), policy=linear, **SHORT)

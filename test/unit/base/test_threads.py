@@ -28,6 +28,11 @@ small = dict(iterations=2, episodes_per_iteration=1, evaluation_episodes=1, hori
 result = rkhs_ros.train(Watched, model="none", callback=lambda result: between.append(threads()), **small)
 rkhs_ros.evaluate(result.policy, Watched, episodes=1)
 between.append(threads())
+one, other = rkhs_ros.base.processes.one_thread(), rkhs_ros.base.processes.one_thread()  # of two Python threads
+one.__enter__(), other.__enter__(), one.__exit__(None, None, None)
+within.append(threads())
+other.__exit__(None, None, None)
+between.append(threads())
 print(within == [{1}] * len(within), len(within) > 10, between, dict(os.environ) == environment)
 """
 
@@ -40,4 +45,4 @@ def test_training_and_evaluation_limit_the_threads_while_they_run(first: str, va
     environment = {**inherited, variable: "2", "PYTHONPATH": f"{ROOT}{os.pathsep}{inherited.get('PYTHONPATH', '')}"}
     command = [sys.executable, "-c", f"{IMPORTS[first]}{SCRIPT}"]
     shown = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert shown.stdout == "True True [{2}, {2}, {2}, {2}] True\n"
+    assert shown.stdout == "True True [{2}, {2}, {2}, {2}, {2}] True\n"

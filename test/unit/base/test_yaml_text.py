@@ -48,6 +48,7 @@ def test_scalars_have_the_types_that_ros_gives_them(text: str, value: object) ->
         ("x: 1\n" * MOST_BYTES, f"at most {MOST_BYTES} characters, got more"),
         ("9" * 5000, "4300 digits"),
         ("!!python/object/apply:os.getcwd []", "python/object"),
+        ("x: {y: 1,\n y: 2}", "line 2: a second key 'y'"),
         ("a: b: c", "mapping values are not allowed"),
     ],
 )

@@ -100,6 +100,9 @@ def test_recordings_of_different_tasks_are_rejected(whole: Path, rkhs: Callable[
     pendulum = ROOT / "config" / "pendulum_nac.yaml"
     assert_refused(rkhs("offline", whole, pendulum), "pendulum_nac.yaml: environment: expected the environment of")
     assert_refused(rkhs("offline", pendulum), "offline: expected at least one recording, got none")
+    assert_refused(rkhs("offline", whole, whole.parent), "offline: expected each recording once, got")
+    changed = rkhs("offline", whole, "--set", "environment.id=rkhs/Pendulum-v0")
+    assert_refused(changed, "--set: expected no settings of the environment, got some")
 
 
 def test_held_actions_are_imitated_trained_offline_and_exported(tmp_path: Path, rkhs: Callable[..., Result]) -> None:

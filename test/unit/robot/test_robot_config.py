@@ -61,7 +61,9 @@ def test_only_an_operator_ends_the_stops_of_a_real_robot(tmp_path: Path, missing
         del document["/**/simulated_robot"]
     file = tmp_path / "parameters.yaml"
     file.write_text(dumped(document))
-    written = loaded(write_parameters(load_config(file), file).read_text())
+    config = load_config(file)
+    written = loaded(write_parameters(config, file).read_text())
+    assert load_config(file).training == config.training  # the learner's section contains the environment
     assert written["/**/robot"]["ros__parameters"]["simulated"] is False
 
 

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
+from gymnasium.vector import SyncVectorEnv
 
 from rkhs_ros.base.endings import RunError
 from rkhs_ros.base.processes import search_here
@@ -102,6 +103,39 @@ def test_a_flag_that_is_neither_true_nor_false_is_refused(
     runner = InlineRunner(Simulation(Still))
     with pytest.raises(RunError, match="step 1 of environment 0: expected terminated to be True or False, got "):
         runner.collect(random_policy(rng, d=1, n=1), Batch(0, 0, 1, 5, explore=False))
+
+
+@pytest.mark.parametrize("reward", ["1.5", np.datetime64("2020-01-01"), None, [1.0, 2.0]])
+def test_a_reward_that_is_no_number_is_refused(monkeypatch: pytest.MonkeyPatch, reward: Any) -> None:
+    monkeypatch.setattr(Still, "step", lambda self, action: (np.zeros(1, np.float32), reward, False, False, {}))
+    runner = InlineRunner(Simulation(Still))
+    with pytest.raises(RunError, match="step 1 of environment 0: expected reward to be a real number for each"):
+        runner.collect(random_policy(np.random.default_rng(0), d=1, n=1), Batch(0, 0, 1, 5, explore=False))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rewards": ["a", "b"]}, "expected reward to be a real number for each environment"),
+        ({"rewards": np.zeros(3)}, "expected reward to be a real number for each environment"),
+        ({"ends": np.zeros(3, bool)}, "expected terminated to be True or False"),
+        ({"ends": np.zeros(2)}, "expected terminated to be True or False"),
+        ({"ends": [0, 0]}, None),
+    ],
+)
+def test_values_of_a_vector_environment_are_checked(changes: dict[str, Any], message: str | None) -> None:
+    class Several(SyncVectorEnv):
+        def step(self, actions: Any) -> Any:
+            values = {"rewards": np.zeros(2), "ends": np.zeros(2, bool), **changes}
+            return np.zeros((2, 1), np.float32), values["rewards"], values["ends"], np.zeros(2, int), {}
+
+    runner, batch = InlineRunner(Simulation(Several([Still] * 2))), Batch(0, 0, 2, 5, explore=False)
+    policy = random_policy(np.random.default_rng(0), d=1, n=1)
+    if message is None:
+        assert not runner.collect(policy, batch).terminated.any()
+        return
+    with pytest.raises(RunError, match=message):
+        runner.collect(policy, batch)
 
 
 SELFISH = """

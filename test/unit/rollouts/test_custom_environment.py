@@ -74,6 +74,22 @@ def test_without_a_time_limit_the_default_horizon_is_noted_once(rkhs: Rkhs) -> N
     assert "note:" not in rkhs("train", "--resume", "run", "--runner", "inline", "--iterations", 2).err
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"actions": np.zeros((2, 5, 0))}, "actions: expected three dimensions: episodes, steps, components, of which"),
+        ({"mask": [[True, False, True, True, True]] * 2}, "mask: expected the first steps of each episode"),
+    ],
+)
+def test_episodes_without_actions_or_with_gaps_are_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    arrays = {"observations": np.zeros((2, 5, 1)), "actions": np.zeros((2, 5, 1))} | changes
+    np.savez(tmp_path / "mine.npz", **arrays)
+    with pytest.raises(ValueError, match=message):
+        load_episodes(tmp_path / "mine.npz")
+
+
 def test_a_policy_is_imitated_evaluated_and_trained_further(rkhs: Rkhs) -> None:
     train = ("train", "--env", "my_slide:Slide-v0", *INLINE, "--set", *SHORT)
     assert rkhs(*train, "--iterations", 4, "--out", "shown").code == 0

@@ -77,7 +77,7 @@ def test_an_invalid_change_is_rejected(write: Any, change: str, message: str) ->
 
 
 def test_a_robot_has_no_settings_of_a_simulator() -> None:
-    with pytest.raises(ValueError, match="unknown key 'environment'"):
+    with pytest.raises(ValueError, match="expected no settings of a simulator for a robot"):
         load_config(CONFIGS[0].with_name("robot_pendulum.yaml"), ["environment.id=Pendulum-v1"])
 
 
@@ -86,6 +86,7 @@ def test_a_robot_has_no_settings_of_a_simulator() -> None:
     [
         ("a: [1", "expected a YAML file, got one that cannot be parsed"),
         ("", "expected sections 'simulator' and 'learner', got NoneType"),
+        (MINIMAL.replace("Toy-v0", "Toy-v0, nodes: {robot: {}}"), r"unknown key 'environment\.nodes'"),
         ("simulator: {}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
         ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),

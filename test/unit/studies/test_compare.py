@@ -37,6 +37,13 @@ def run_folder(
     return folder
 
 
+def test_a_curve_of_exchanged_lines_is_refused(tmp_path: Path) -> None:
+    curve = Curve(run_folder(tmp_path / "run", [1.0, 2.0]) / "curve.csv")
+    curve.begin(curve.rows()[::-1])
+    with pytest.raises(ValueError, match=r"curve.csv: expected \d+ numbers of iteration 1 in line 2, got '2,"):
+        curve.rows()
+
+
 # Statistics
 
 

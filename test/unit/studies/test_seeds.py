@@ -44,7 +44,11 @@ def test_seeds_are_the_union_of_their_ranges_in_order() -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "expected seeds such as 0-9 or 0,2,5, got ''"), ("0,9-7", "expected ascending ranges, got 9-7")],
+    [
+        ("", "expected seeds such as 0-9 or 0,2,5, got ''"),
+        ("0,9-7", "expected ascending ranges, got 9-7"),
+        ("0-10000", "expected at most 10000 seeds"),
+    ],
 )
 def test_invalid_seeds_are_rejected(text: str, message: str) -> None:
     with pytest.raises(ValueError, match="--seeds: expected") as error:

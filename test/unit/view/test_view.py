@@ -110,6 +110,11 @@ def test_model_rollouts_start_from_real_states(model_update: Path) -> None:
     assert all((start == of_both).all(axis=1).any() for start in starts)
 
 
+def test_no_host_does_not_stand_for_all_addresses() -> None:
+    with pytest.raises(ValueError, match="host: expected an address of this machine, got none"):
+        opened("", 0)
+
+
 def test_model_rollouts_can_be_selected(model_update: Path) -> None:
     source = Recorded(model_update)
     server = opened("127.0.0.1", 0)
