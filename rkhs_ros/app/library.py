@@ -198,10 +198,14 @@ def _results(
         warn_of_horizon(simulation, training.horizon)
     runner = InlineRunner(simulation)
     if out is None:
-        return _run(config, runner, _in_memory(training, runner, first, quiet))
-    folder = Path(out)
-    steps = training_steps(config, runner, folder, quiet=quiet, resume=is_started(folder), tensorboard=tensorboard)
-    return _run(config, runner, _in_folder(folder, steps))
+        steps = _in_memory(training, runner, first, quiet)
+    else:
+        folder, goes_on = Path(out), is_started(Path(out))
+        written = training_steps(config, runner, folder, quiet=quiet, resume=goes_on, tensorboard=tensorboard)
+        steps = _in_folder(folder, written)
+    results = _run(config, runner, steps)
+    next(results)
+    return results
 
 
 def _make_folder(
@@ -232,9 +236,11 @@ def _make_folder(
 Steps = Generator[tuple[Iteration, list[Row], GaussianPolicy | None, FinalEvaluation | None], None, None]
 
 
-def _run(config: Config, runner: InlineRunner, steps: Steps) -> Generator[Result, None, None]:
+def _run(config: Config, runner: InlineRunner, steps: Steps) -> Generator[Any, None, None]:
+    """Yield None, after which closing the generator closes the environment, and the results."""
     acting = partial(Policy, task=config.task, spaces=runner.spaces)
     with runner, closing(steps):
+        yield None
         for iteration, rows, best, final in steps:
             policy, best_policy = acting(iteration.policy), acting(best) if best else None
             yield Result(policy, best_policy, iteration, tuple(rows), config.training, final)

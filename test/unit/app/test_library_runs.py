@@ -120,6 +120,17 @@ def test_a_run_in_an_environment_of_other_dimensions_is_not_resumed(tmp_path: Pa
     assert (tmp_path / "run" / "config.yaml").read_bytes() == before
 
 
+def test_a_generator_that_is_closed_before_its_first_iteration_closes_the_environment() -> None:
+    closed = []
+
+    class Hardware(Slide):
+        def close(self) -> None:
+            closed.append(self)
+
+    rkhs_ros.learn(Hardware, horizon=5).close()
+    assert closed
+
+
 def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, rkhs: Callable[..., Result]) -> None:
     folder = tmp_path / "run"
     result = rkhs_ros.train(Slide, out=folder, **SHORT)
