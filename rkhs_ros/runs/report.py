@@ -12,6 +12,7 @@ from shlex import quote
 
 from rkhs_ros import __version__
 from rkhs_ros.base.files import is_locked, write_whole
+from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.iteration import Iteration, Row, with_error
 from rkhs_ros.policies.gaussian import GaussianPolicy
@@ -38,8 +39,7 @@ def new_folder(folder: Path | None, name: str) -> Path:
     """Create the folder of a run, or raise ValueError if it is in use; None stands for results/NAME/TIME."""
     if folder is None:
         folder = Path("results") / name / datetime.now().strftime("%Y-%m-%d_%H-%M-%S_%f")
-    is_used = folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN)
-    if is_used or is_locked(folder, "domain"):  # the nodes of a run may be starting
+    if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - BEFORE_A_RUN):
         raise ValueError(f"{folder}: expected a new or empty folder for the results, got one in use. Choose another")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -169,7 +169,12 @@ def begin(folder: Path, config: Config) -> None:
 
 
 def start_from(folder: Path, config: Config, policy: GaussianPolicy | None, spaces: Spaces) -> None:
-    """Prepare the folder of a run that has not started: with an initial policy, or None for the default."""
+    """Prepare the folder of a run that has not started: with an initial policy, or None for the default.
+
+    Raises:
+        ValueError: the nodes of another run in the folder are starting.
+    """
+    require(not is_locked(folder, "domain"), f"{folder}", "a folder that no other run uses", "one whose nodes start")
     file = folder / INITIAL_POLICY
     file.unlink(missing_ok=True)  # left by a run that was killed before it started
     if policy is not None:

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import pytest
 
+import rkhs_ros
 from rkhs_ros.app.launcher import (
     DOMAIN,
     MOST_RESUMES,
@@ -172,3 +173,5 @@ def test_a_rejected_run_preserves_the_domain_of_the_active_one(tmp_path: Path) -
         ):
             pass
         assert domain_of(tmp_path) == domain
+        with pytest.raises(ValueError, match="expected a folder that no other run uses, got one whose nodes start"):
+            rkhs_ros.train("rkhs/Toy-v0", out=tmp_path, iterations=1)
