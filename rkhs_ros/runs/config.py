@@ -49,6 +49,7 @@ class Environment:
         require(good, "environment.num_envs", f"a whole number in [0, {MOST_ENVS}]", repr(self.num_envs))
         require(isinstance(self.id, str), "environment.id", "text", repr(self.id))
         require(isinstance(self.options, Mapping), "environment.options", "a section of keys", repr(self.options))
+        require(isinstance(self.nodes, Mapping), "environment.nodes", "a section of keys", repr(self.nodes))
         for name, parameters in self.nodes.items():
             require(isinstance(parameters, Mapping), name, "a section of keys", repr(parameters))
 
@@ -124,7 +125,7 @@ def environment_from(tree: Any) -> Environment:
     Raises:
         ValueError: a key is unknown, the id is missing, or the tree is not a section.
     """
-    known = {f.name: f for f in fields(Environment) if f.name != "nodes"}  # which are sections of their own
+    known = {f.name: f for f in fields(Environment)}
     require(isinstance(tree, Mapping), "environment", "a section of keys", repr(tree))
     for key in tree:
         if key not in known:
@@ -185,6 +186,7 @@ def _config_in(sections: Mapping[str, dict[str, Any]], name: str, changes: Itera
         require(not unknown, "simulator", "the key 'environment'", ", ".join(map(str, unknown)))
         tree = tree_of(changes, {"environment": {}} | tree | simulator)
         environment = environment_from(tree.pop("environment"))
+        require(not environment.nodes, "environment.nodes", "none for a simulator", "some")
     return Config(environment, build(Training, tree))
 
 

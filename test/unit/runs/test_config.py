@@ -86,7 +86,7 @@ def test_a_robot_has_no_settings_of_a_simulator() -> None:
     [
         ("a: [1", "expected a YAML file, got one that cannot be parsed"),
         ("", "expected sections 'simulator' and 'learner', got NoneType"),
-        (MINIMAL.replace("Toy-v0", "Toy-v0, nodes: {robot: {}}"), r"unknown key 'environment\.nodes'"),
+        (MINIMAL.replace("Toy-v0", "Toy-v0, nodes: {robot: {}}"), r"environment\.nodes: expected none for a simulator"),
         ("simulator: {}", "simulator: expected ros__parameters"),
         ("learner: {ros__parameters: {}}", "environment: expected a key 'id'"),
         ("simulator: {ros__parameters: {enviroment: {}}}", "simulator: expected the key 'environment', got enviroment"),
