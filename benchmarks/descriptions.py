@@ -82,8 +82,8 @@ def lines_of(curves: Curves) -> list[Line]:
         for how in DESCRIPTIONS:
             if its := [curve for key, curve in curves.items() if key[:2] == (task, how)]:
                 cell = Cell(subject.written, its)
-                reached = sum(at is not None for at in cell.first(subject.written.thresholds[0]))
-                lines.append(Line(task, how, len(its), reached, cell.median(), float(np.median(cell.scores("return")))))
+                last = float(np.median(cell.scores("return")))
+                lines.append(Line(task, how, len(its), cell.reached(), cell.median(), last))
     return lines
 
 

@@ -44,9 +44,13 @@ class Cell(NamedTuple):
         """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
         return median_until(self.counts(threshold, measure))
 
+    def reached(self) -> int:
+        """Return the number of runs that reached the first threshold."""
+        return sum(at is not None for at in self.first(self.task.thresholds[0]))
+
     def shown(self) -> str:
         """Return the median episodes until the first threshold, its interval and how many runs reached it."""
-        reached, runs = len(self.curves) - self.first(self.task.thresholds[0]).count(None), len(self.curves)
+        reached, runs = self.reached(), len(self.curves)
         number = f"{runs}" if reached == runs else f"{reached} of {runs}"
         return f"{shown(self.until(self.task.thresholds[0], 'episodes'))} ({number})"
 

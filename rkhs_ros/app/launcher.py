@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 from rkhs_ros.base.endings import BAD_INPUT, ENDING, FAILED, INTERRUPTED, RESUMABLE, RunError, deferred_signals
-from rkhs_ros.base.files import is_locked, locked, write_whole
+from rkhs_ros.base.files import DOMAIN_FILE, is_locked, locked, write_whole
 from rkhs_ros.base.processes import python, terminate_with_parent
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, ROBOT, dumped, require_ros_value
@@ -27,7 +27,7 @@ POLL_INTERVAL_S = 0.05
 MOST_RESUMES, WINDOW_S = 5, 300.0  # of a run within the window; one more fault ends it
 LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot
 OWN_CODES = (0, FAILED, BAD_INPUT, RESUMABLE, INTERRUPTED)  # of a node; any other exit code means that it died
-DOMAIN, FILE = "ROS_DOMAIN_ID", "domain"  # variable, and file in the folder of an active run
+DOMAIN = "ROS_DOMAIN_ID"
 # A process owns a domain while it binds the port PORT_BASE + domain, as the coordinator of ROS's tests does.
 PORT_BASE = 32768
 DOMAINS = range(100, 0, -1)  # from the top, since people tend to choose small numbers
@@ -206,11 +206,11 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
 
     A domain set by ROS_DOMAIN_ID stays.
     """
-    given, file = os.environ.get(DOMAIN), folder / FILE  # ROS treats an empty value like none
+    given, file = os.environ.get(DOMAIN), folder / DOMAIN_FILE  # ROS treats an empty value like none
     with socket.socket() as claim, ExitStack() as active:
         domain = given or default or str(_claimed(claim))
         with locked(folder):  # otherwise the active run could no longer be found
-            active.enter_context(locked(folder, FILE))
+            active.enter_context(locked(folder, DOMAIN_FILE))
             file.write_text(f"{domain}\n")
         os.environ[DOMAIN] = domain
         try:
@@ -226,8 +226,8 @@ def reserved_domain(folder: Path, default: str | None = None) -> Iterator[None]:
 
 def domain_of(folder: Path) -> int:
     """Return the ROS domain of an active run; after a crash, another run may use that of its file."""
-    require(is_locked(folder, FILE), f"{folder}", "the folder of an active run over topics", "none")
-    return int((folder / FILE).read_text())
+    require(is_locked(folder, DOMAIN_FILE), f"{folder}", "the folder of an active run over topics", "none")
+    return int((folder / DOMAIN_FILE).read_text())
 
 
 def _claimed(claim: socket.socket) -> int:

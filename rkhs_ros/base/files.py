@@ -49,6 +49,7 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
+DOMAIN_FILE = "domain"  # in the folder of a run over topics, whose launcher holds a lock on it
 ATTEMPTS, PAUSE_S = 10, 0.002  # to take a lock, which `is_locked` of other processes shares for a moment
 
 

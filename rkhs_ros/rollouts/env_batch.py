@@ -96,9 +96,9 @@ class SeparateEnvs:
             # The ellipsis keeps an action of shape () an array, like in its space.
             observation, reward, is_end, is_cut, _ = self._copies[i].step(actions[i, ...])
             self._observations[i] = self._real(observation)
-            rewards[i] = _numbers(reward, 1, "reward").item()
-            terminated[i] = _flags(is_end, 1, "terminated").item()
-            truncated[i] = _flags(is_cut, 1, "truncated").item()
+            rewards[i] = _each(reward, 1, REAL_KINDS, "reward").item()
+            terminated[i] = _each(is_end, 1, FLAG_KINDS, "terminated").item()
+            truncated[i] = _each(is_cut, 1, FLAG_KINDS, "truncated").item()
         return self._observations.copy(), rewards, terminated, truncated
 
     def close(self) -> None:
@@ -158,13 +158,13 @@ class VectorEnvBatch:
         if spare:
             actions = np.concatenate([actions, np.repeat(actions[-1:], spare, axis=0)])
         observations, rewards, terminated, truncated, info = self._current.step(actions)
-        rewards = _numbers(rewards, len(actions), "reward")
-        terminated = _flags(terminated, len(actions), "terminated")
-        truncated = _flags(truncated, len(actions), "truncated")
+        # Copies, since the vector environment may use its arrays again.
+        rewards = _each(rewards, len(actions), REAL_KINDS, "reward")
+        terminated = _each(terminated, len(actions), FLAG_KINDS, "terminated").astype(bool)
+        truncated = _each(truncated, len(actions), FLAG_KINDS, "truncated").astype(bool)
         if self._mode != AutoresetMode.NEXT_STEP:
             observations = self._with_final(observations, terminated | truncated, info)
         used = slice(self._count)
-        # Copies, since the vector environment may use its arrays again.
         return self._flat(observations), rewards[used], terminated[used], truncated[used]
 
     def _with_final(self, observations: Any, ended: Flags, info: dict[str, Any]) -> Any:
@@ -230,20 +230,13 @@ def _real(observation: Any, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         return array.astype(kind)
 
 
-def _numbers(values: Any, count: int, name: str) -> NDArray[Any]:
-    """Return a copy of the rewards of a step, shape (count,), since a vector environment may use its arrays again."""
+def _each(values: Any, count: int, kinds: str, name: str) -> NDArray[Any]:
+    """Return a copy of the rewards or flags of a step, which some environments return as an array of one."""
     array = np.array(values)
-    if array.size != count or array.dtype.kind not in REAL_KINDS:
-        raise RunError(f"expected {name} to be a real number for each environment, got {truncated(repr(values))}")
-    return array.reshape(count)  # some environments return an array of one
-
-
-def _flags(values: Any, count: int, name: str) -> Flags:
-    """Return a copy of the flags of a step, shape (count,); raise RunError unless they are true or false."""
-    array = np.asarray(values)
-    if array.size != count or array.dtype.kind not in FLAG_KINDS:
-        raise RunError(f"expected {name} to be True or False, got {truncated(repr(values))}")
-    return array.reshape(count).astype(bool)
+    if array.size != count or array.dtype.kind not in kinds:
+        expected = "True or False" if kinds == FLAG_KINDS else "a real number for each environment"
+        raise RunError(f"expected {name} to be {expected}, got {truncated(repr(values))}")
+    return array.reshape(count)
 
 
 def _flat(env: AnyEnv) -> AnyEnv:

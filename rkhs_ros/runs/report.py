@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 
 from rkhs_ros import __version__
-from rkhs_ros.base.files import is_locked, write_whole
+from rkhs_ros.base.files import DOMAIN_FILE, is_locked, write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import dumped
 from rkhs_ros.learning.iteration import Iteration, Row, with_error
@@ -31,7 +31,7 @@ FINAL_EVALUATION = "final_evaluation.txt"
 # Files that may be left by a run that was killed before it started.
 BEFORE_A_RUN = {
     *("initial_policy.npz", "initial_policy.npz.part", "config.yaml.part"),
-    *("domain", "lock", "parameters.yaml", "parameters.yaml.part"),
+    *(DOMAIN_FILE, "lock", "parameters.yaml", "parameters.yaml.part"),
 }
 
 
@@ -174,7 +174,7 @@ def start_from(folder: Path, config: Config, policy: GaussianPolicy | None, spac
     Raises:
         ValueError: the nodes of another run in the folder are starting.
     """
-    require(not is_locked(folder, "domain"), f"{folder}", "a folder that no other run uses", "one whose nodes start")
+    require(not is_locked(folder, DOMAIN_FILE), f"{folder}", "a folder that no other run uses", "one whose nodes start")
     file = folder / INITIAL_POLICY
     file.unlink(missing_ok=True)  # left by a run that was killed before it started
     if policy is not None:

@@ -22,7 +22,7 @@ from rkhs_ros.policies.storage import Task, save_policy
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.recordings.container import MessageFile
 from rkhs_ros.recordings.recorder import Recorder
-from rkhs_ros.recordings.recording import FILE, Recording, read_recording
+from rkhs_ros.recordings.recording import FILE, Recording, read_recording, recording_file
 from rkhs_ros.runs.config import Config, Environment, config_of, load_config, tree_of
 from rkhs_ros.runs.curve import Curve
 from rkhs_ros.runs.episode_files import load_episodes
@@ -101,10 +101,11 @@ def run_offline(options: argparse.Namespace) -> int:
 
     files = [path for path in options.sources if path.suffix in (".yaml", ".yml")]
     require(len(files) <= 1, "offline", "at most one configuration", ", ".join(map(str, files)))
-    recordings = {str(path): read_recording(path) for path in options.sources if path not in files}
-    same = {(path / FILE if path.is_dir() else path).resolve() for path in map(Path, recordings)}
-    require(len(same) == len(recordings), "offline", "each recording once", ", ".join(recordings))
-    require(bool(recordings), "offline", "at least one recording", "none")
+    paths = [path for path in options.sources if path not in files]
+    require(bool(paths), "offline", "at least one recording", "none")
+    different = {recording_file(path).resolve() for path in paths}
+    require(len(different) == len(paths), "offline", "each recording once", ", ".join(map(str, paths)))
+    recordings = {str(path): read_recording(path) for path in paths}
     episodes = all_episodes(recordings)
     changes = [f"iterations={options.iterations}", f"horizon={episodes.horizon}"]
     changes += [f"seed={options.seed}"] if options.seed is not None else []

@@ -91,8 +91,8 @@ class Record:
         """Return the values of a line of the file."""
         what, expected = f"{self._path}, line {number}", f"values of {', '.join(self._columns)}"
         try:
-            numbers, repeats = [float(each) for each in row[:-2]], int(row[-1] or 0) if row else 0
-        except ValueError as error:
+            numbers, repeats = [float(each) for each in row[:-2]], int(row[-1] or 0)
+        except (ValueError, IndexError) as error:
             raise ValueError(f"{what}: expected {expected}, got {truncated(row)}") from error
         good = len(row) == len(self._columns) and bool(np.isfinite(numbers).all()) and 0 <= repeats < number - 1
         require(good, what, expected, row)
