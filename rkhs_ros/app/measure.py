@@ -39,6 +39,7 @@ def evaluate(
         OSError: the file cannot be read.
     """
     require(type(episodes) is int and episodes >= 1, "episodes", "a whole number >= 1", episodes)
+    require(type(seed) is int and 0 <= seed < 2**63, "seed", "a whole number in [0, 2^63)", seed)
     require(discount is None or 0.0 <= discount <= 1.0, "discount", "a number in [0, 1]", discount)
     with one_thread(), load_acting(policy, env) as (gaussian, task, runner):
         collected = runner.collect(gaussian, Batch(seed, 0, episodes, task.horizon, explore=False))

@@ -144,7 +144,7 @@ class Posterior(Fit):
         weights[:, :, 0] += self.targets.centre
         return np.asarray(weights)
 
-    @cached_property
+    @property  # not stored, since functions of kernels cannot be pickled
     def _kernel(self) -> Callable[[Array], Array]:
         return self.basis.kernel.with_centres(self.basis.centres)
 

@@ -191,6 +191,8 @@ def _labels(groups: list[list[Run]], given: Mapping[Path, str] | None) -> list[s
     by the user, the folder of the run, or its full path.
     """
     if given is not None:
+        for group in groups:
+            require(group[0].folder in given, "labels", f"a label of {group[0].folder}", sorted(map(str, given)))
         return [given[group[0].folder] for group in groups]
     names: tuple[Callable[[Run], str], ...] = (
         lambda run: str(run.config.settings["algorithm.name"]),

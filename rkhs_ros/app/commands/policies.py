@@ -127,6 +127,8 @@ def run_export(options: argparse.Namespace) -> int:
     require(given in ("file", "lerobot"), "export", "a file to write or --lerobot DIR", given or "neither")
     if options.lerobot:
         return _export_episodes(options)
+    for name in ("fps", "task"):
+        require(getattr(options, name) is None, f"--{name}", "none without --lerobot", getattr(options, name))
     require(file.suffix in FORMATS, f"{file}", f"a file that ends in {' or '.join(FORMATS)}", file.suffix or "none")
     if file.suffix == ".onnx":
         policy = load(last_policy(source) if source.is_dir() else source)

@@ -43,7 +43,7 @@ def run_tune_node(options: argparse.Namespace) -> int:
     with prefixed(options.file):
         tree = loaded(options.file.read_text())
         tuning = tuning_from(tree)
-        tuning = replace(tuning, trials=tuning.trials if options.trials is None else options.trials)
+    tuning = replace(tuning, trials=tuning.trials if options.trials is None else options.trials)
     require(0 <= options.seed < 2**63, "--seed", "a whole number in [0, 2^63)", options.seed)
     folder = options.out or Path("results", options.file.stem)
     from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS

@@ -277,5 +277,7 @@ def test_export_needs_one_known_format(rkhs: Run) -> None:
     both = rkhs("export", "run", "a.onnx", "--lerobot", "b")
     assert_refused(both, "export: expected a file to write or --lerobot DIR, got file and lerobot")
     assert_refused(rkhs("export", "run", "a.pt"), "a.pt: expected a file that ends in .onnx or .html, got .pt")
+    unused = rkhs("export", "run", "a.html", "--fps", 5)
+    assert_refused(unused, "--fps: expected none without --lerobot, got 5")
     assert_refused(rkhs("export", "run", "new/a.onnx"), "run: expected an existing file or folder, got none")
     assert not Path("new").exists()

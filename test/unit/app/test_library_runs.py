@@ -140,6 +140,8 @@ def test_a_class_is_named_by_commands_that_cannot_create_it(tmp_path: Path, rkhs
     assert evaluations[0].undiscounted_return < evaluations[0].discounted_return < 0.0
     with pytest.raises(ValueError, match=r"^policy: expected a policy, its file, or a run's folder, got int$"):
         rkhs_ros.evaluate(5, Slide)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^seed: expected a whole number in \[0, 2\^63\), got a$"):
+        rkhs_ros.evaluate(folder, Slide, seed="a")  # type: ignore[arg-type]
     for words in (("evaluate", folder), ("train", "--resume", folder, "--runner", "inline")):
         result = rkhs(*words)
         assert_refused(result, "unknown environment 'Slide'")

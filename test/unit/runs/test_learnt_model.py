@@ -1,5 +1,6 @@
 """The model of a run in memory, the model of its folder and a fit to its real episodes are bit-identical."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,7 @@ def test_the_models_of_a_result_its_folder_and_its_episodes_are_bit_identical(tm
     assert loaded.action_repeat == REPEAT
     episode = episode_in(loaded)
     np.testing.assert_array_equal(episode_in(result.model), episode)
+    np.testing.assert_array_equal(episode_in(pickle.loads(pickle.dumps(loaded))), episode)
     spaces = result.policy.spaces
     decisions = Episodes.concatenate(explored).decisions(REPEAT, result.policy.task.discount, spaces)
     oracle = DynamicsModel.fit(decisions, result.policy.gaussian.inputs, spaces, 30, centred=True)

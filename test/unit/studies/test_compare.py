@@ -149,6 +149,8 @@ def test_runs_without_an_iteration_are_omitted_with_a_note(tmp_path: Path) -> No
         compare([])
     with pytest.raises(ValueError, match="r/b: expected a run with at least one iteration, got none"):
         compare([empty])
+    with pytest.raises(ValueError, match=r"^labels: expected a label of .*r/a, got .*r/b"):
+        compare([tmp_path / "r"], {empty: "b"})
 
 
 @pytest.mark.parametrize(
