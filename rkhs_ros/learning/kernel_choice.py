@@ -30,7 +30,8 @@ class KernelChoice(Settings):
         "input of a time step, which applies to all time steps of the history; "
         "or 'median': per dimension, the larger of the median distance between pairs of points and their standard "
         "deviation; or 'dimension': the standard deviation times sqrt(d / 2), which keeps the kernel between typical "
-        "points independent of the dimension d. The points are the inputs of the first iteration",
+        "points independent of the dimension d. The points are the inputs of the first iteration, or "
+        "with a model of all episodes so far",
         minimum=1e-9,
         maximum=1e9,
         choices=("median", "dimension"),

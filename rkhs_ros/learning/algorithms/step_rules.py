@@ -37,7 +37,10 @@ class KLStep(Settings):
     divergence: float = setting(0.05, "mean divergence of the first update, in nats", minimum=0.0, maximum=10.0)
     size: float = setting(1e300, "maximum step size along the direction", minimum=0.0, maximum=1e300)
     annealing: float = setting(
-        0.0, "annealing rate c: iteration k divides the divergence by 1 + c k", minimum=0.0, maximum=1e6
+        0.0,
+        "annealing rate c: iteration k, or update k in a model, divides the divergence by 1 + c k",
+        minimum=0.0,
+        maximum=1e6,
     )
 
     def step_size(self, direction: Array, variance: Array, mean_return: MeanReturn, iteration: int = 0) -> float:
