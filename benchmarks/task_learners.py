@@ -1,8 +1,8 @@
 """Define the learners of the table of tasks.
 
 CMA-ES searches for a linear policy by whole episodes. A candidate is the weights of a policy. Its inputs are
-standardised by the observations of earlier generations. Its actions are in units of half their range, and clipped to
-it. One real episode scores it.
+standardised by the observations of earlier generations. Its actions are in units of half their range, relative to its
+middle, and clipped to it. One real episode scores it.
 
 SAC of Stable-Baselines3 and CrossQ of sb3-contrib have default settings, and the inputs of our policies. Both are
 imported on first use, since the import is slow and they may not be installed.
@@ -52,16 +52,16 @@ def linear(weights: Array, seen: Array, spaces: Spaces) -> Function:
     # The kernel is 1 at the first centre, and 1 plus the input j at the centre j.
     centres = centre + np.concatenate([np.zeros((1, d)), np.diag(scale)])
     coefficients = np.array([constant - np.sum(slopes, axis=0), *slopes])
-    return Function(Linear(tuple(centre), tuple(scale)), centres, coefficients)
+    return Function(Linear(tuple(centre), tuple(scale)), centres, coefficients, spaces.middle)
 
 
 def linear_cma_es(trial: Trial) -> Iterator[Point]:
     """Run CMA-ES of the package ``cmaes`` with its default population, and evaluate its mean after each generation."""
     from cmaes import CMA  # here, since only this learner needs it
 
-    training, inputs = trial.config.training, trial.config.training.inputs
-    runner = MeteredRunner(trial)
+    training, runner = trial.config.training, MeteredRunner(trial)
     spaces = runner.spaces
+    inputs = training.inputs.within(spaces)
     seen = np.zeros((0, inputs.dimension(spaces.observation_dim, spaces.action_dim)))
     search = CMA(np.zeros(spaces.action_dim * (seen.shape[1] + 1)), FIRST_SD, seed=training.seed)
     variance = ConstantVariance(np.full(spaces.action_dim, NEGLIGIBLE_VARIANCE))

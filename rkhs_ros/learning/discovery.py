@@ -77,9 +77,11 @@ def longest_repeat(episodes: Episodes) -> int:
 
 
 def change_per_decision(episodes: Episodes, repeat: int) -> float:
-    """Return the median over columns of the change of an observation in ``repeat`` steps; 0 if nothing changes."""
-    deviations = episodes.flat(episodes.observations).std(axis=0)
-    moving = deviations > 0
+    """Return the median over columns of the change of an observation in ``repeat`` steps; 0 if nothing changes.
+
+    Columns that are constant within each episode, such as a goal, do not count.
+    """
+    deviations, moving = episodes.flat(episodes.observations).std(axis=0), _changes(episodes, 1) > 0
     relative = [_changes(episodes, steps)[moving] / deviations[moving] for steps in (1, repeat)]
     signals = relative[0] < NOISE
     return float(np.median(relative[1][signals] if signals.any() else relative[1])) if moving.any() else 0.0

@@ -108,7 +108,7 @@ def _spaces(arrays: Arrays) -> Spaces | None:
 def packed(arrays: Arrays) -> bytes:
     """Return the content of an npz file without pickled objects."""
     buffer = BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
+    np.savez(buffer, **arrays)
     return buffer.getvalue()
 
 

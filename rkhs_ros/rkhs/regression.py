@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from rkhs_ros.rkhs.kernels import Array
+from rkhs_ros.rkhs.kernels import Array, spreads
 
 BLOCK_ROWS = 20_000  # more than the usual number of steps in an iteration
 LEAST_DIAGONAL = 1e-200  # mean diagonal of a Gram matrix below which all features vanish, e.g. far from every centre
@@ -73,6 +73,8 @@ def relative_ridge_regression(features: Array, targets: Array, ridge: float, *, 
         ridge: lambda relative to the mean diagonal of the Gram matrix.
         intercept: whether to fit b; otherwise b = 0.
     """
+    if intercept and spreads(targets[:, None])[0] == 0.0:
+        return np.zeros(features.shape[1])  # exactly, since a step size may magnify rounding errors
     gram = features @ features.T
     diagonal = np.trace(gram) / len(gram)
     regular = gram + ridge * (diagonal if diagonal > LEAST_DIAGONAL else 1.0) * np.eye(len(gram))

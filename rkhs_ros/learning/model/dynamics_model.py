@@ -238,9 +238,9 @@ def _starts_vary(starts: Array, steps: Transitions, inputs: Inputs) -> bool:
     if len(starts) == 1:
         return True
     initial, before, after = (inputs.features(each) for each in (starts, steps.observations, steps.next_observations))
-    spread = before.std(axis=0)
+    spread = spreads(before)
     is_state = (after - before).std(axis=0) < spread
-    return bool((initial.std(axis=0) > VARYING * spread)[is_state].any())
+    return bool((spreads(initial) > VARYING * spread)[is_state].any())
 
 
 def _termination(steps: Transitions, inputs: Inputs, centres: int) -> Limits | Posterior | None:

@@ -76,9 +76,9 @@ def train_in_model(settings: ModelBased, policy: GaussianPolicy, experience: Rea
     The rollouts of a run that explores share a world, that is, functions drawn from the model's posterior (Thompson
     sampling; Strens, 2000). The next real episode shows whether the task is like that, so exploration follows the
     model's own uncertainty. If the initial observations vary, a few worlds keep the policy from relying on one of them
-    where the next episode does not start. New worlds need a new policy: training starts from a mean of 0, and goes on
-    from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw their
-    own functions, and training goes on. The policy gives inputs and action repeat.
+    where the next episode does not start. New worlds need a new policy: training starts from a constant mean, and goes
+    on from the best of the earlier policies only if that finds nothing better. Without new episodes, rollouts draw
+    their own functions, and training goes on. The policy gives inputs and action repeat.
     """
     training, episodes, spaces = experience.training, experience.episodes, experience.spaces
     algorithm, inputs = training.algorithm, policy.inputs
@@ -253,8 +253,8 @@ def _error_of_previous_model(settings: ModelBased, inputs: Inputs, experience: R
 
 
 def _horizon(experience: RealExperience) -> int:
-    """Return the length of a model rollout in steps, limited by the discount."""
-    horizon = experience.episodes.horizon
+    """Return the length of a model rollout: the whole decisions of a real episode, limited by the discount."""
+    horizon = max(experience.recorded.horizon // experience.action_repeat, 1)
     if experience.discount == 1.0:
         return horizon
     return min(horizon, int(np.ceil(HORIZONS_AHEAD / (1.0 - experience.discount))))

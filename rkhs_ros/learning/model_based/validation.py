@@ -54,7 +54,7 @@ class Validation:
         count: number of rollouts J of each policy, at least 2.
         runner: runs the rollouts.
         seed: seed of their random streams.
-        horizon: length of a rollout in steps.
+        horizon: length of a rollout in decisions.
         discount: discount factor of the returns.
 
     Attributes:
@@ -89,11 +89,11 @@ class Validation:
         return self.trained if gain.mean() > gain.std() / np.sqrt(len(gain) - 1) else self.kept
 
     def consider_earlier(self, policy: GaussianPolicy) -> None:
-        """Measure a policy of an earlier iteration; one whose mean is 0, which has not been trained, is ignored."""
+        """Measure a policy of an earlier iteration; one with a constant mean, which is not trained, is ignored."""
         self.kept = self._better(self.kept, policy)
 
     def consider(self, policy: GaussianPolicy) -> None:
-        """Measure a policy of this iteration; one whose mean is 0 is ignored."""
+        """Measure a policy of this iteration; one with a constant mean is ignored."""
         before = self.trained
         self.trained = self._better(before, policy)
         self._waited = 0 if self.trained is not before else self._waited + 1

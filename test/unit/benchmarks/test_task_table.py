@@ -2,6 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -47,7 +48,7 @@ def test_all_learners_are_evaluated_in_the_same_episodes(name: str) -> None:
     trial = tasks.trial_of(TASKS[name], "ours", 7)
     runner, inputs = MeteredRunner(trial), trial.config.training.inputs
     size = inputs.dimension(runner.spaces.observation_dim, 1)
-    mean = task_learners.linear(np.zeros(1 + size), np.zeros((0, size)), runner.spaces)
+    mean = replace(task_learners.linear(np.zeros(1 + size), np.zeros((0, size)), runner.spaces), bias=())
     ours = runner.collect(GaussianPolicy(mean, ConstantVariance(np.ones(1)), inputs), trial.evaluation)
     env = task_learners.world(trial)
     for number, seed in enumerate(trial.evaluation.environment_seeds()):

@@ -146,10 +146,12 @@ def test_the_change_of_a_wave_per_decision_has_a_closed_form(frequency: float) -
 def test_units_and_uninformative_columns_do_not_change_the_action_repeat() -> None:
     observed, rng = waves(0.005), np.random.default_rng(0)
     expected = choose_action_repeat(seen(observed))
-    noise, constant = rng.normal(size=(1, 3000, 1)), np.ones((1, 3000, 1))
+    noise, constant = rng.normal(size=(1, 3000, 1)), np.full((1, 3000, 1), 0.37)  # whose computed deviation is not 0
     for columns in ([observed * [1e6, 1e-6]], [observed, constant], [observed, observed[..., :1]], [observed, noise]):
         assert choose_action_repeat(seen(np.concatenate(columns, axis=2))) == expected
     assert choose_action_repeat(seen(np.concatenate([constant, constant], axis=2))) == 1
+    goals = np.concatenate([np.concatenate([observed, goal * constant], axis=2) for goal in (1, 2)])
+    assert choose_action_repeat(seen(goals)) == expected
     assert choose_action_repeat(seen(observed[:, :30])) == 1  # 50 decisions at least
 
 

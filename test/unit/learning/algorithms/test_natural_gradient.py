@@ -76,6 +76,18 @@ def test_npg_with_a_full_dictionary_is_the_published_sum_of_kernel_functions(rng
     np.testing.assert_allclose(moved.mean(x), policy.mean(x) + 0.7 * direction, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.parametrize("algorithm", [RKHSNPG(), RKHSNAC(critic="trajectory")])
+def test_equal_returns_have_no_direction(algorithm: Algorithm, rng: np.random.Generator) -> None:
+    policy = random_policy(rng)
+    episodes = random_episodes(rng, policy, 5, 8)
+    equal = replace(episodes, rewards=np.broadcast_to(episodes.rewards[0], episodes.rewards.shape))
+    moved, metrics = learn(algorithm, policy, equal, DISCOUNT)
+    assert metrics.kl == 0.0
+    np.testing.assert_array_equal(
+        moved.mean(equal.flat(equal.observations)), policy.mean(equal.flat(equal.observations))
+    )
+
+
 def test_a_learnt_variance_follows_the_gradient_of_the_unexplained_advantage(rng: np.random.Generator) -> None:
     policy = random_policy(rng, d=3, kernel=LINEAR)
     newest, older = (random_episodes(rng, policy, n, 8, masked=True) for n in (5, 3))

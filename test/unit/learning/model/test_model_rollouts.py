@@ -124,6 +124,15 @@ def test_rollouts_start_near_initial_observations_and_from_visited_ones(rng: np.
     assert len(elsewhere) > 0.8 * episodes.mask.sum()  # of 36, with 100 draws
 
 
+def test_a_constant_column_does_not_make_starts_vary(rng: np.random.Generator) -> None:
+    observations = np.full((3, 8, 2), 0.37)  # whose computed standard deviation is not 0
+    observations[:, :, 0] = np.cumsum(rng.normal(size=(3, 8)), axis=1)
+    observations[:, 0, 0] = 0.0
+    zeros, mask = np.zeros((3, 8)), np.ones((3, 8), dtype=bool)
+    episodes = Episodes.without_ends(observations, zeros[:, :, None], zeros, mask)
+    assert not DynamicsModel.fit(episodes, Inputs(), SPACES, 10).starts_vary
+
+
 def test_starts_between_angles_take_the_short_way(rng: np.random.Generator) -> None:
     inputs = Inputs(angles=(0.0,))
     model = DynamicsModel.fit(simulated_episodes(rng, rows=2), inputs, SPACES, 20)

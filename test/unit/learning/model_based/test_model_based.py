@@ -192,8 +192,10 @@ def test_exploration_is_narrow_after_the_first_iteration_unless_rewards_are_unin
         np.testing.assert_allclose(iteration.policy.variance(np.zeros((1, 2))), share**2)
 
 
-@pytest.mark.parametrize(("discount", "steps"), [(0.92, 38), (1.0, 100)])
-def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps: int) -> None:
+@pytest.mark.parametrize(("discount", "repeat", "steps"), [(0.92, 1, 38), (1.0, 1, 100), (1.0, 40, 2)])
+def test_model_rollouts_last_whole_decisions_up_to_a_limit_by_the_discount(
+    discount: float, repeat: int, steps: int
+) -> None:
     lasted = []
 
     @dataclass(frozen=True)
@@ -202,10 +204,10 @@ def test_the_discount_limits_the_length_of_model_rollouts(discount: float, steps
             lasted.append((len(experience.episodes), experience.episodes.horizon, experience.discount))
             return super().update(policy, experience)
 
-    training = settings(iterations=1, horizon=100, discount=discount, action_repeat=1)
+    training = settings(iterations=1, horizon=100, discount=discount, action_repeat=repeat)
     learn(replace(training, algorithm=Watched(centres=12)))
     assert set(lasted) == {(MODEL["rollouts"], steps, discount)}
-    assert discount**steps < 0.05 or steps == 100
+    assert discount**steps < 0.05 or steps == 100 // repeat
 
 
 def test_updates_in_the_model_explore_by_white_noise_and_keep_the_best_rollouts_in_memory() -> None:
