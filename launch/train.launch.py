@@ -19,6 +19,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from rkhs_ros.app.launcher import write_parameters
 from rkhs_ros.app.robots import check_robot
+from rkhs_ros.base.files import is_locked
 from rkhs_ros.base.processes import search_here
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.transport import node_names
@@ -54,6 +55,7 @@ def nodes(context: LaunchContext) -> list[Action]:
     folder = (
         Path(given["output"]).expanduser() if given["output"] else new_folder(None, config.training.name)
     ).resolve()
+    require(not is_locked(folder), "output", "a folder that no run uses", folder)
     resume = given["resume"] == "true"
     parameters = write_parameters(config, folder / "parameters.yaml", output=str(folder), resume=resume)
     return [

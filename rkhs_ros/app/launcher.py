@@ -18,11 +18,12 @@ from rkhs_ros.base.processes import python, terminate_with_parent
 from rkhs_ros.base.validation import require
 from rkhs_ros.base.yaml_text import LEARNER, PARAMETERS, ROBOT, dumped, require_ros_value
 from rkhs_ros.nodes.core.transport import node_names
+from rkhs_ros.robot.gate_settings import LONGEST_END_S
 from rkhs_ros.runs.config import Config
 
 TERMINATION_TIMEOUT_S = 2.0  # from SIGTERM until the node is killed
 # The gate first brings the robot to rest, and the simulated robot must run until then.
-BRAKING_TIMEOUT_S = {"gate": 10.0, "simulated_robot": 6.0}
+BRAKING_TIMEOUT_S = dict.fromkeys(("gate", "simulated_robot"), LONGEST_END_S + 2.0)
 POLL_INTERVAL_S = 0.05
 MOST_RESUMES, WINDOW_S = 5, 300.0  # of a run within the window; one more fault ends it
 LEARNING = ("policy", "learner")  # nodes that are not part of the simulator or robot

@@ -67,7 +67,7 @@ def _check_together(task: RobotTask, gate: GateSettings) -> None:
     size = task.action.dimension
     require(size == len(gate.joints), "robot.action", f"{len(gate.joints)}, one per joint of the gate", size)
     kind, homes = gate.command.kind, "home" in task.reset.steps
-    require(task.action.kind == kind or not homes, "robot.action.kind", f"gate.command.kind, {kind}", task.action.kind)
+    require(task.action.kind == kind, "robot.action.kind", f"gate.command.kind, {kind}", task.action.kind)
     joints = task.reset.home.joints
     ours, theirs = ", ".join(joints), ", ".join(gate.joints)
     require(joints == gate.joints or not homes, "robot.reset.home.joints", f"gate.joints, {theirs}", ours)

@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 FAILED = 1  # a node, an environment, a disk or one of several runs failed
 BAD_INPUT = 2
@@ -86,7 +86,8 @@ def deferred_signals() -> Iterator[None]:
 
 def print_error(error: Exception) -> int:
     """Print an error that ends the process as one line on stderr, and return its exit code."""
-    print("error:", error_message(error), file=sys.stderr, flush=True)
+    with suppress(BlockingIOError):  # of output that nobody reads
+        print("error:", error_message(error), file=sys.stderr, flush=True)
     failed = isinstance(error, RunError) or (isinstance(error, OSError) and error.errno in DISK_ERRORS)
     return FAILED if failed else BAD_INPUT
 

@@ -1,17 +1,18 @@
-"""Processes: where they search for modules, that they end with their parent, and their linear algebra in one thread."""
+"""Processes: their modules, end, output and linear algebra."""
 
 import ctypes
 import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from runpy import run_module
-from threading import Lock
-from typing import Any
+from threading import Lock, Thread
+from typing import Any, TextIO
 
 PR_SET_PDEATHSIG = 1  # of prctl(2)
+COPYING_S = 1.0  # for the last output to reach the terminal
 _libc = ctypes.CDLL(None)
 
 
@@ -36,6 +37,45 @@ def searches_here() -> bool:
 def python(module: str) -> list[str]:
     """Return the command that runs a module in another process, which searches for modules where this one does."""
     return [sys.executable, "-P", "-m", *([__name__] if searches_here() else []), module]
+
+
+@contextmanager
+def lossy_output() -> Iterator[None]:
+    """Let threads write the output of this process, so that a terminal that nobody reads never blocks the process.
+
+    Output that such a terminal does not take is lost.
+    """
+    if os.isatty(2):
+        os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")  # ROS's log is no longer connected to the terminal
+    with ExitStack() as stack:
+        for stream in (sys.stdout, sys.stderr):
+            stack.enter_context(_copied(stream))
+        yield
+
+
+@contextmanager
+def _copied(stream: TextIO) -> Iterator[None]:
+    number, (source, pipe) = stream.fileno(), os.pipe()
+    sink = os.dup(number)
+    os.set_blocking(pipe, False)
+    os.dup2(pipe, number)
+    os.close(pipe)
+    copying = Thread(target=_copy, args=(source, sink), daemon=True)
+    copying.start()
+    try:
+        yield
+    finally:
+        with suppress(BlockingIOError):
+            stream.flush()
+        os.dup2(sink, number)  # closes the pipe, so that the thread ends
+        copying.join(COPYING_S)
+
+
+def _copy(source: int, sink: int) -> None:
+    with suppress(OSError):  # a closed terminal
+        while content := os.read(source, 4096):
+            while content:
+                content = content[os.write(sink, content) :]
 
 
 @contextmanager

@@ -22,9 +22,9 @@ class Samples:
     Attributes:
         episodes: the episodes, with the policy's inputs as observations.
         observations: s, shape (samples, d).
-        mean: :math:`h(s)` of the policy that acted, shape (samples, n).
+        mean: :math:`h(s)` of the policy, which did not act in reused episodes, shape (samples, n).
         exploration: :math:`a - h(s)`, shape (samples, n).
-        variance: diagonal of Sigma of the policy that acted, shape (samples, n).
+        variance: diagonal of Sigma of the policy, shape (samples, n).
         basis: basis functions of the coefficients.
         features: phi, the basis at the observations, shape (samples, m).
     """

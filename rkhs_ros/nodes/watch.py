@@ -100,8 +100,9 @@ class NodeReports:
 
     def gate(self) -> dict[str, Any] | None:
         """Return the fields of the gate's state by name; None without a gate."""
-        fields = () if self._gate is None else self._gate.get_fields_and_field_types()
-        return {name: getattr(self._gate, name) for name in fields} or None
+        if self._gate is None or not self._node.count_publishers("gate/state"):
+            return None
+        return {name: getattr(self._gate, name) for name in self._gate.get_fields_and_field_types()}
 
     def close(self) -> None:
         """Leave the domain."""
@@ -158,7 +159,8 @@ def command(word: str, domain: int | None) -> str:
     try:
         client = node.create_client(kind, service)
         if not client.wait_for_service(FOUND_TIMEOUT_S):
-            raise PeerError(f"{service}: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID")
+            elsewhere = f"in a namespace, use ros2 service call NAMESPACE/{service}"
+            raise PeerError(f"{service}: no node offers it; pass the run's folder, or set ROS_DOMAIN_ID; {elsewhere}")
         call, executor = client.call_async(request), SingleThreadedExecutor(context=node.context)
         rclpy.spin_until_future_complete(node, call, executor, ANSWER_TIMEOUT_S)
         if not call.done():

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from rkhs_ros.base.files import write_whole
-from rkhs_ros.base.validation import finite_array, require
+from rkhs_ros.base.validation import finite_array, require, truncated
 from rkhs_ros.policies.gaussian import GaussianPolicy
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.spaces import Spaces
@@ -57,11 +57,16 @@ def save_policy(path: Path, policy: GaussianPolicy, task: Task, spaces: Spaces |
     """Write a policy, its task and, if known, the task's spaces atomically to a file.
 
     Raises:
+        ValueError: an option of the task is no value of JSON.
         OSError: the file cannot be written.
     """
+    try:
+        text = json.dumps(vars(task), sort_keys=True)
+    except TypeError as error:
+        raise ValueError(f"task: options: expected values of JSON, got {truncated(repr(task.options))}") from error
     arrays = {
         "schema": np.array(SCHEMA),
-        "task": np.array(json.dumps(asdict(task), sort_keys=True)),
+        "task": np.array(text),
         **policy_arrays(policy),
     }
     if spaces:
@@ -107,8 +112,8 @@ def _spaces(arrays: Arrays) -> Spaces | None:
 
 def packed(arrays: Arrays) -> bytes:
     """Return the content of an npz file without pickled objects."""
-    buffer = BytesIO()
-    np.savez(buffer, **arrays)
+    buffer, plain = BytesIO(), dict[str, Any](arrays)
+    np.savez(buffer, **plain)
     return buffer.getvalue()
 
 

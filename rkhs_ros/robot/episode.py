@@ -131,11 +131,12 @@ class RobotEpisode:
         return self._sent[step]
 
     def report(self, step: int, executed: Array, flags: int) -> None:
-        """Store the gate's report of the command of a step."""
-        if self.over or step != self.step or self._sent[step] is None:
+        """Store the gate's report of the command of a step, unless the step is over; a refusal always counts."""
+        if self.over or step > self.step or self._sent[step] is None:
             return
-        self._reported[step] = executed
-        self._flags[step] |= flags
+        if step == self.step:
+            self._reported[step] = executed
+            self._flags[step] |= flags
         if flags & (Flags.REFUSED | Flags.NOT_ARMED):
             self.discard(f"the gate refused the command of step {step}")
 

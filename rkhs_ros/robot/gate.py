@@ -112,6 +112,11 @@ def stopped(state: Gate, reason: str) -> Gate:
     return _count(replace(_held(state), mode=Mode.STOPPED, reason=reason), stops=1)
 
 
+def disarmed(state: Gate, reason: str) -> Gate:
+    """Send nothing until armed again; the next request to arm is refused."""
+    return replace(stopped(state, reason), mode=Mode.DISARMED, reason=reason)
+
+
 def stop_requested(state: Gate, reason: str) -> Gate:
     """Stop, and refuse to arm, while `reason` names who requests a stop; it is empty if no stop is requested."""
     state = replace(state, stop_requested=reason)

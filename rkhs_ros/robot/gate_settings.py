@@ -18,7 +18,7 @@ TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStampe
 KINDS_OF = {FLOATS: KINDS, FLOAT: KINDS, TRAJECTORY: (POSITION,), TWIST: (VELOCITY,), TWIST_STAMPED: (VELOCITY,)}
 AXES = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")  # the "joints" of a Twist
 Numbers = tuple[float, ...]
-LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; the launcher waits this long
+LONGEST_END_S = 8.0  # longest time for a robot to come to rest before its gate exits; others wait longer
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ NAME = re.compile(r"[A-Za-z]\w*")
 Numbers = tuple[float, ...]
 T = TypeVar("T")
 Rule = Callable[[Array, Array, Array], Any]
-ANSWER_TIMEOUT_S = 2.0  # after which a function counts as hanging; the gate has stopped the robot by then
+ANSWER_TIMEOUT_S = 2.0  # after which a function counts as hanging; the gate stops the robot after its command_timeout
 CALLED_WITH = "of observation, executed action and next observation"
 
 
@@ -132,7 +132,14 @@ class End(Settings):
 
     def is_reached(self, before: Array, executed: Array, after: Array) -> bool:
         """Return whether a step ends the episode; raise RunError if the function fails, or returns no boolean."""
-        return _called(self.rule, "end", bool, "True or False", before, executed, after) if self.rule else False
+        return _called(self.rule, "end", _truth, "True or False", before, executed, after) if self.rule else False
+
+
+def _truth(answer: Any) -> bool:
+    """Return a boolean of Python or numpy; raise TypeError for others, such as None without a return."""
+    if np.asarray(answer).dtype != bool:
+        raise TypeError
+    return bool(answer)
 
 
 def _called(function: Rule, what: str, kind: Callable[[Any], T], expected: str, *arrays: Array) -> T:

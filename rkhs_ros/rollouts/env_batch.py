@@ -39,7 +39,7 @@ class SeparateEnvs:
 
     Args:
         make: function that creates a copy.
-        most: maximum number of copies; 0 for ``num_envs`` of the environment's metadata, or any number.
+        most: maximum number of copies; 0 for ``num_envs`` of the environment's metadata, or `MOST_COPIES`.
     """
 
     def __init__(self, make: Callable[[], AnyEnv], name: str, most: int = 0) -> None:
@@ -124,7 +124,7 @@ class VectorEnvBatch:
 
     def __init__(self, make: Callable[[int, int], AnyVectorEnv] | AnyVectorEnv, most: int = 0) -> None:
         self._make = make
-        self._most = make.num_envs if isinstance(make, VectorEnv) else most
+        self._most = min(make.num_envs, most or make.num_envs) if isinstance(make, VectorEnv) else most
         self._vectors: dict[tuple[int, int], AnyVectorEnv] = {}
         self._current = self._vector(1, 1)
         self.current: int | None = None

@@ -44,7 +44,7 @@ def env_batch_of(source: Source, options: Mapping[str, Any] | None = None, num_e
     Args:
         source: an id, an environment, a vector environment, or a function or class that returns one.
         options: keyword arguments of the environment; only with an id.
-        num_envs: maximum number of environments in a batch; 0 for any number.
+        num_envs: maximum number of environments in a batch; 0 for as many as are useful.
 
     Raises:
         ValueError: the id is unknown, or the environment cannot be created.
@@ -53,14 +53,14 @@ def env_batch_of(source: Source, options: Mapping[str, Any] | None = None, num_e
         return _registered(source, dict(options or {}), num_envs)
     require(not options, "options", "none, since only an id takes options", options)
     if isinstance(source, VectorEnv):
-        return VectorEnvBatch(source)
+        return VectorEnvBatch(source, num_envs)
     if isinstance(source, Env):
         return SeparateEnvs(lambda: source, name_of(source), most=1)
     require(callable(source), "environment", "an id, an environment, or a function that returns one", source)
     made = source()
     require(isinstance(made, Env | VectorEnv), f"{name_of(source)}", "a function that returns an environment", made)
     if isinstance(made, VectorEnv):
-        return env_batch_of(made)
+        return VectorEnvBatch(made, num_envs)
     return SeparateEnvs(partial(next, _copies(made, source)), name_of(made), num_envs)
 
 

@@ -77,7 +77,7 @@ def _estimate(statistic: Callable[..., Any], values: Array) -> Estimate:
     from scipy.stats import DegenerateDataWarning, bootstrap
 
     with catch_warnings():
-        simplefilter("ignore", DegenerateDataWarning)  # of runs that are all equal
+        simplefilter("ignore", DegenerateDataWarning)  # of runs with nan
         interval = bootstrap(
             (values,),
             statistic,

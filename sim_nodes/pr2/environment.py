@@ -67,7 +67,7 @@ class PR2Door(VectorTask):
     observation_names: tuple[str, ...] = ("error in x (sd)", "error in y (sd)", "error in yaw (sd)")
     action_names: tuple[str, ...] = ("shift along the lever (m)", "change of the opening (m)")
     success_reward = float(np.exp(-1.0))  # the greatest reward without opening the door
-    noise_dim = 0
+    start_noise_dim, noise_dim = 3, 0
     step_seconds = SECONDS
 
     def __init__(
@@ -97,7 +97,7 @@ class PR2Door(VectorTask):
         """Return the errors of the pose: x, y in metres, yaw in radians; shape (num_envs, 3)."""
         if self.pose == "per_run":
             return np.tile(POSE_SD * np.random.default_rng(self.pose_seed).standard_normal(3), (len(noise), 1))
-        return np.stack([POSE_SD * stream.standard_normal(3) for stream in self._streams])
+        return POSE_SD * noise
 
     def transition(self, states: Array, actions: Array, noise: Array) -> Array:  # noqa: D102
         return states

@@ -196,7 +196,9 @@ def test_a_gate_arms_itself_only_while_all_its_listeners_are_simulated(begin: Be
     probe.destroy_subscription(robot.listener)
     robot.until("holding")
     real = probe.create_subscription(Float64MultiArray, "commands", lambda message: None, 1)
-    assert robot.until("stopped").reason.startswith("arms_itself: expected only simulated robots on commands, got ")
+    reason = "arms_itself: expected only simulated robots on commands, got "
+    assert robot.until("disarmed").reason.startswith(reason)  # so that it sends nothing
+    assert robot.arm().startswith(f"cannot arm: {reason}")
     assert robot.arm() == "holding"  # by a person, who may arm it for any robot
     probe.ask("gate/stop", Trigger.Request())
     robot.until("stopped")

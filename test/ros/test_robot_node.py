@@ -146,12 +146,30 @@ def test_an_operator_can_pause_and_continue(begin: Callable[..., Any], bench: Be
     assert reason(bench.ended(identity)) == ""
 
 
+def test_a_pause_during_the_reset_holds_the_episode_back(begin: Callable[..., Any], bench: Bench) -> None:
+    begin(reset={"steps": ["person"]}, learner_timeout=1.0)
+    identity = bench.start()
+    bench.probe.until(lambda: "prepare the scene" in bench.describe().waiting)
+    assert bench.probe.ask_once("robot/pause", SetBool.Request(data=True), "robot").success
+    assert bench.say("start").success  # ends the pause, and confirms nothing
+    bench.probe.settle()
+    assert "prepare the scene" in bench.describe().waiting
+    assert not bench.moves
+    assert bench.say("start").success
+    assert reason(bench.ended(identity)) == ""
+
+
 def test_a_completed_episode_can_be_vetoed_until_the_learner_uses_it(begin: Callable[..., Any], bench: Bench) -> None:
     begin()
     first = bench.start(0)
     bench.ended(first)
     assert not bench.say("veto").success  # the learner may learn from it by now
     bench.start(1, horizon=100)  # it waits for another one, under the same policy
+    bench.until_moving()
+    bench.gate_state("stopped", "a wall")  # the second one begins again
+    bench.probe.until(lambda: bench.is_at_rest)
+    bench.gate_state("holding")
+    bench.start(1, horizon=100)
     bench.until_moving()
     assert bench.say("veto").success
     assert reason(bench.ended(first, count=2)) == "vetoed by the operator"

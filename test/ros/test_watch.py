@@ -125,4 +125,4 @@ def test_a_command_calls_its_service_once_and_reports_the_answer(start: Callable
 def test_a_command_without_a_node_fails_soon(start: Callable[..., Process]) -> None:
     code, _, err = start("rkhs", "robot", "stop").finish()
     assert (code, len(err.splitlines())) == (1, 1)
-    assert "gate/stop: the node is not running; pass the run's folder, or set ROS_DOMAIN_ID" in err
+    assert "gate/stop: no node offers it; pass the run's folder, or set ROS_DOMAIN_ID" in err

@@ -49,7 +49,8 @@ def run_tune_node(options: argparse.Namespace) -> int:
     from rkhs_ros.nodes.robot.tuned_node import TunedNode, write_parameters  # here, since the import needs ROS
 
     for number in (signal.SIGHUP, signal.SIGQUIT):  # like Ctrl-C: the parameters are set again
-        signal.signal(number, lambda number, frame: signal.raise_signal(signal.SIGINT))
+        if signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores SIGHUP
+            signal.signal(number, lambda number, frame: signal.raise_signal(signal.SIGINT))
     _begin(folder, dumped({"seed": options.seed} | {key: each for key, each in tree.items() if key != "trials"}))
     with locked(folder), one_thread(), closing(TunedNode(tuning, folder)) as node:
         record = Record(folder / RECORD, tuning)

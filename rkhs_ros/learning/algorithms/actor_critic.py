@@ -28,7 +28,7 @@ class ActorCritic(Algorithm):
 
     critic: str = critic_setting("step")
     ridge: float = setting(
-        0.01, "penalty on the squared RKHS norm of the critic's weight w", minimum=1e-12, maximum=1e6
+        0.01, "penalty on the squared norm of the critic's weight w, see its equations", minimum=1e-12, maximum=1e6
     )
     value_ridge: float = setting(0.01, "penalty on the squared RKHS norm of the value", minimum=1e-12, maximum=1e6)
     trace: float = setting(

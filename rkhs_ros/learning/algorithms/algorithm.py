@@ -75,7 +75,10 @@ class Algorithm(Settings, ABC):
     """A policy search in function space; each subclass is one algorithm, its fields are the hyper-parameters."""
 
     exploration_decay: float = setting(
-        1.0, "factor on the standard deviation after each iteration, if it is not learnt", minimum=0.0, maximum=1.0
+        1.0,
+        "factor on the standard deviation after each iteration without a model, if it is not learnt",
+        minimum=0.0,
+        maximum=1.0,
     )
     sd_range: tuple[float, ...] = setting(
         (0.05, 4.0),

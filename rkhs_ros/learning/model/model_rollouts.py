@@ -167,7 +167,7 @@ class ModelRunner:
     def _judged(
         self, observations: Array, actions: Array, points: Array, draws: Draws, beyond: NDArray[np.bool_]
     ) -> Episodes:
-        """Return the episodes of rollouts with their rewards, each truncated where the model terminates it."""
+        """Return the episodes of rollouts with their rewards, each of which ends where the model terminates it."""
         ended = self._ended(observations[:, 1:], draws.limits)
         terminated = np.asarray(ended.any(axis=1))
         last = np.where(terminated, ended.argmax(axis=1), ended.shape[1] - 1)

@@ -9,8 +9,8 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, TypeVar
@@ -187,8 +187,15 @@ def _begin(name: str) -> None:
 def open_node(node: ReportingNode) -> None:
     """Open a node's topics and services; raise PeerError if its name is taken, and ValueError for bad parameters."""
     node.claim_name()
-    try:
+    with names_reported(node):
         node.open()
+
+
+@contextmanager
+def names_reported(node: Node) -> Iterator[None]:
+    """Raise ValueError for a topic or a service that ROS rejects."""
+    try:
+        yield
     except NameValidationException as error:  # of a topic or a service in the settings; ROS marks the place
         raise ValueError(" ".join(str(error).rstrip(" ^\n").split())) from error
     except RCLError as error:  # for example two topics of one name with different types

@@ -18,6 +18,7 @@ from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import rkhs_interfaces.msg as msg
+from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.diagnostics import full_name
 from rkhs_ros.policies.messages import doubles
 from rkhs_ros.rkhs.kernels import Array
@@ -133,6 +134,7 @@ class StopTopics:
         self._node = node
         self._changed = changed
         names = {node.resolve_topic_name(topic): timeout for topic, timeout in timeouts.items()}
+        require(len(names) == len(timeouts), "stop_topics", "different topics", ", ".join(timeouts))
         self._requests = {topic: StopRequests(topic, timeout) for topic, timeout in names.items()}
         for topic in names:
             for number, qos in enumerate(QOS):

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from rkhs_interfaces.msg import Command, GateReport, GateState
+from rkhs_ros.base.processes import lossy_output
 from rkhs_ros.base.settings import build, entries
 from rkhs_ros.base.validation import truncated
 from rkhs_ros.nodes.core.diagnostics import OBSTACLE, PREFIX, UNKNOWN, Diagnostics, Source, full_name, listed
@@ -182,7 +183,7 @@ class GateNode(ReportingNode):
 
     def _check_stops(self) -> None:
         reason = self._stops.reason()
-        self._waits_for_a_person |= bool(reason)
+        self._waits_for_a_person |= bool(reason) and self._state.is_armed  # before, a heartbeat may not have come yet
         self._turn(gate.stop_requested(self._state, reason))
 
     def _rivals(self) -> str:
@@ -216,9 +217,10 @@ class GateNode(ReportingNode):
         return reason
 
     def _arm_itself(self, now: float) -> None:
-        """Arm the gate if its robot is simulated and no stop was requested; stop the robot once others listen, too.
+        """Arm the gate if its robot is simulated and no stop was requested; disarm it once others listen, too.
 
-        After another stop it waits, so that requests to stop that are under way arrive first.
+        A position at which the simulated robot rests may be far from that of another robot. After a stop it waits, so
+        that requests to stop that are under way arrive first.
         """
         topic, stands = self._settings.command.topic, self._state.mode in (Mode.DISARMED, Mode.STOPPED)
         listeners = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
@@ -228,8 +230,9 @@ class GateNode(ReportingNode):
         names = {each.node_name for each in listeners}
         self._unknown_since = min(self._unknown_since, now) if UNKNOWN in names else inf
         is_foreign = now - self._unknown_since > NAMED_S or any(not _is_simulated(name) for name in names - {UNKNOWN})
-        if is_foreign and self._has_armed_itself:
-            self._turn(gate.stopped(self._state, expected))
+        if is_foreign and self._has_armed_itself and self._state.is_armed:
+            self._send(gate.last_output(self._state, self._rules))
+            self._turn(gate.disarmed(self._state, expected))
         if stands and now < self._arm_at:
             return
         self._arm_at = now + RETRY_S
@@ -259,8 +262,9 @@ def _is_simulated(name: str) -> bool:
 
 
 def main() -> None:
-    """Run the gate node."""
-    run(GateNode, "gate", serve)
+    """Run the gate node, which no terminal may block."""
+    with lossy_output():
+        run(GateNode, "gate", serve)
 
 
 if __name__ == "__main__":

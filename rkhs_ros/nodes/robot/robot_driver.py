@@ -52,7 +52,8 @@ class EpisodeDriver:
         # Monotonic times, seconds: of the request or the last obstacle, of the first observation, and of no obstacle.
         self._began_at = self._ready_at = self._clear_at = 0.0
         self._timeout = 0.0  # seconds without a first action; 0 for no limit
-        self._sent = (0, 0)  # number of the last command, and its step
+        self._moved = 0  # number of the last motion of a reset
+        self._sent: dict[int, int] = {}  # steps of the episode's commands, by number
         self._fault = ""  # why the policy cannot act
         self._is_shown = False  # whether the policy has an observation of the episode
         self._gate = GateLink(node, task.stale_after, self._hear_report, simulated=simulated)
@@ -72,13 +73,13 @@ class EpisodeDriver:
     def begin(self, batch: Batch, identity: int, version: int, timeout: float) -> None:
         """Start an episode with the policy of that version, which has ``timeout`` seconds for its first action."""
         self.episode = RobotEpisode(batch, self._task, time.time_ns())
-        self.lockstep, self._timeout = (identity, version), timeout
+        self.lockstep, self._timeout, self._sent = (identity, version), timeout, {}
         self._began_at = self._clear_at = self._due = time.monotonic()
 
     def confirm(self) -> None:
         """Continue on the operator's confirmation."""
+        self._confirmations += not self.paused
         self.paused = False
-        self._confirmations += 1
 
     def discard(self, reason: str) -> None:
         """Discard the current episode, if there is one."""
@@ -167,12 +168,12 @@ class EpisodeDriver:
         try:
             outcome = next(reset, None)
             if isinstance(outcome, np.ndarray):
-                self._sent = (self._gate.send(outcome, time.time_ns()), -1)
+                self._moved = self._gate.send(outcome, time.time_ns())
                 return
-            if self._sent[0] == self._gate.number:  # the last command was a motion of the reset
+            if self._moved == self._gate.number:  # the last command was a motion of the reset
                 self._gate.hold()
-            self.waiting = outcome or ""
-            if outcome is None:
+            self.waiting = outcome or (f"paused; to continue: {self.call('start')}" if self.paused else "")
+            if outcome is None and not self.paused:
                 episode.begin(self._observe())
                 self._show(episode)
                 self._ready_at = time.monotonic()
@@ -218,11 +219,11 @@ class EpisodeDriver:
         stamp = episode.stamps[-1] if episode.moving else time.time_ns()
         command = episode.act(message.step, action, time.monotonic())
         if command is not None:
-            self._sent = (self._gate.send(command, stamp), message.step)
+            self._sent[self._gate.send(command, stamp)] = message.step
 
     def _hear_report(self, number: int, executed: Array, flags: int) -> None:
-        if self.episode is not None and number == self._sent[0]:
-            self.episode.report(self._sent[1], executed, flags)
+        if self.episode is not None and number in self._sent:
+            self.episode.report(self._sent[number], executed, flags)
 
     def _observe(self) -> Reading:
         """Return a reading of the sensors without a reward; raise SensingError if one is silent or stale."""

@@ -161,7 +161,8 @@ class RobotNode(ReportingNode):
         message = episodes_message(msg, finished.batch, finished.version, finished.episodes, [finished.execution])
         message.vetoable = vetoable
         self._episodes.publish(message)
-        self._reported = None if vetoable or finished.execution.discard_reason else finished
+        if not vetoable and not finished.execution.discard_reason:
+            self._reported = finished
 
     # Requests of the operator.
 
@@ -183,7 +184,7 @@ class RobotNode(ReportingNode):
         if self._held is not None:
             vetoed, self._held = self._held, None
         elif self._reported and self._motion.episode and self._reported.version == self._request.policy_version:
-            vetoed = self._reported
+            vetoed, self._reported = self._reported, None
         else:
             response.message = "the learner has already used all completed episodes (veto_window holds them back)"
             return response

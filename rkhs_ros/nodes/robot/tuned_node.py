@@ -19,6 +19,7 @@ from rkhs_ros.base.files import write_whole
 from rkhs_ros.base.validation import require
 from rkhs_ros.nodes.core.messages import LOCKSTEP_QOS
 from rkhs_ros.nodes.core.peers import ClientNode
+from rkhs_ros.nodes.core.spin import names_reported
 from rkhs_ros.nodes.robot.sensor_topics import SENSOR_QOS, types_of
 from rkhs_ros.rkhs.kernels import Array
 from rkhs_ros.robot.sensors import ReceivedMessage, SensingError
@@ -54,14 +55,14 @@ class TunedNode(ClientNode):
         super().__init__("tuning", tuning.timeout)
         self._tuning, self._file = tuning, folder / BEFORE
         self._heard: dict[str, ReceivedMessage] = {}
-        for topic, kind in types.items():
-            self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
-        self.tuned = tuning.node if tuning.node.startswith("/") else f"/{tuning.node}"
-        self._calls = {name: self.create_client(kind, f"{self.tuned}/{name}") for name, kind in CALLS.items()}
-        trial = tuning.trial
-        self._start = self.create_client(Trigger, trial.service) if trial.service else None
-        self._starts = self.create_publisher(Empty, trial.topic, LOCKSTEP_QOS) if trial.topic else None
+        self.tuned, trial = tuning.node if tuning.node.startswith("/") else f"/{tuning.node}", tuning.trial
         try:
+            with names_reported(self):
+                for topic, kind in types.items():
+                    self.create_subscription(kind, topic, partial(self._hear, topic), SENSOR_QOS)
+                self._calls = {name: self.create_client(kind, f"{self.tuned}/{name}") for name, kind in CALLS.items()}
+                self._start = self.create_client(Trigger, trial.service) if trial.service else None
+                self._starts = self.create_publisher(Empty, trial.topic, LOCKSTEP_QOS) if trial.topic else None
             for client in self._calls.values():
                 self.peers.wait_for_service(client, self.tuned)
             self._values = {name: self._checked(name) for name in tuning.parameters}

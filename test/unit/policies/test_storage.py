@@ -11,7 +11,7 @@ from rkhs_ros.learning.episodes import Episodes
 from rkhs_ros.policies.inputs import Inputs
 from rkhs_ros.policies.messages import policy_message, policy_of
 from rkhs_ros.policies.spaces import Spaces
-from rkhs_ros.policies.storage import Task, load_policy, save_policy
+from rkhs_ros.policies.storage import Task, load_policy, save_policy, unpacked
 from rkhs_ros.policies.streams import Batch
 from rkhs_ros.policies.variance import FunctionVariance
 from rkhs_ros.recordings.definitions import Types
@@ -54,6 +54,14 @@ def test_a_saved_policy_is_bit_identical_after_loading(
     assert all(expected[name].tobytes() == got[name].tobytes() for name in expected)
     x, exploration = rng.normal(size=(11, 2)), rng.standard_normal((11, 2))
     assert np.array_equal(loaded.act(x, exploration), policy.act(x, exploration))
+    assert not {"allow_pickle"} & unpacked((tmp_path / "policy.npz").read_bytes()).keys()  # as numpy 1 stores arguments
+
+
+def test_options_that_a_file_cannot_store_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
+    task = replace(TASK, options={"goal": np.ones(1)})
+    with pytest.raises(ValueError, match=r"^task: options: expected values of JSON, got \{'goal': array"):
+        save_policy(tmp_path / "policy.npz", random_policy(rng), task)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_file_with_a_changed_byte_is_rejected_or_still_a_policy(tmp_path: Path, rng: np.random.Generator) -> None:

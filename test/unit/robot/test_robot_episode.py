@@ -88,6 +88,16 @@ def test_actions_in_time_are_sent_on_arrival_and_recorded() -> None:
     assert execution.discard_reason == ""
 
 
+def test_a_refusal_counts_although_its_step_is_over() -> None:
+    episode = begun()
+    episode.act(0, np.array([0.1]), 0.0)
+    assert episode.proceed(PERIOD + 1e-9, sensed(1.0))
+    episode.report(0, np.array([0.2]), 0)  # too late to be what was executed
+    assert episode.discard_reason == ""
+    episode.report(0, np.array([0.2]), Flags.REFUSED)
+    assert episode.discard_reason == "the gate refused the command of step 0"
+
+
 def test_an_action_after_the_deadline_is_recorded_but_not_sent() -> None:
     episode = begun()
     sent = play(episode, [0.0, 0.06, 0.01, 0.14, 0.01])

@@ -89,6 +89,21 @@ def test_the_reward_is_the_sum_of_function_and_topic() -> None:
     assert not End().is_reached(ones, ones, ones)
 
 
+@pytest.mark.parametrize(("answer", "ends"), [(True, True), (np.False_, False), (np.array([True]), True)])
+def test_an_end_is_a_boolean(answer: object, ends: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "answered", lambda *arrays: answer)
+    end, ones = End(function=f"{HERE}:answered"), np.ones(2)
+    assert end.is_reached(ones, ones, ones) is ends
+
+
+@pytest.mark.parametrize("answer", [None, "no", 0.3, np.ones(2, dtype=bool)])
+def test_another_answer_than_a_boolean_is_reported(answer: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "answered", lambda *arrays: answer)
+    end, ones = End(function=f"{HERE}:answered"), np.ones(2)
+    with pytest.raises(RunError, match="end function: expected True or False, got "):
+        end.is_reached(ones, ones, ones)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [("broken", "ZeroDivisionError: by nothing"), ("spoilt", "finite"), ("beyond", "expected a number, got 1000")],

@@ -204,6 +204,11 @@ class OldGenerator(gymnasium.Env[Any, Any]):
         return self.first, 0.0, False, False, {}
 
 
+@pytest.mark.parametrize("source", [SyncVectorEnv([Countdown] * 4), lambda: SyncVectorEnv([Countdown] * 4)])
+def test_a_vector_environment_runs_at_most_the_given_number(source: Any) -> None:
+    assert [env_batch_of(source, None, most).capacity(9) for most in (0, 3, 7)] == [4, 3, 4]
+
+
 def test_an_environment_with_an_old_generator_gets_32_bits_of_the_seed() -> None:
     envs = env_batch_of(OldGenerator, None, 2)
     assert envs.capacity(2) == 2
