@@ -44,6 +44,11 @@ class Cell(NamedTuple):
         """Return the median ``episodes`` or ``steps`` until a threshold; infinite where it is not reached."""
         return median_until(self.counts(threshold, measure))
 
+    @property
+    def action_repeat(self) -> int:
+        """Median number of steps for which the policies hold an action at the end."""
+        return int(np.median([curve[-1].action_repeat for curve in self.curves]))
+
     def reached(self) -> int:
         """Return the number of runs that reached the first threshold."""
         return sum(at is not None for at in self.first(self.task.thresholds[0]))
@@ -176,7 +181,7 @@ def summary(cells: Cells) -> str:
     lines.append("|---" * (4 + len(learners)) + "|")
     for task, its in cells.items():
         threshold = TASKS[task].thresholds[0]
-        found = [its[each].shown() if each in its else "-" for each in learners]
+        found = [_shown(its, each) for each in learners]
         name = f"[`{task}`](results/tasks/{task}.png)" if "ours" in its else f"`{task}`"
         kept = its["ours"].below(threshold) if "ours" in its else "-"
         lines.append(
@@ -199,13 +204,21 @@ def summary(cells: Cells) -> str:
     return "\n".join([*lines, "", *published(cells), ""])
 
 
+def _shown(its: Mapping[str, Cell], learner: str) -> str:
+    """Return the cell of a learner; "=" if it holds actions, but ours does not, so that it is the one that does not."""
+    if learner in its:
+        return its[learner].shown()
+    held = its["ours"].action_repeat if LEARNERS[learner].holds_actions and "ours" in its else 0
+    return "=" if held == 1 else "-"
+
+
 def published(cells: Cells) -> list[str]:
     """Return a table in Markdown of published returns, means over seeds, beside those at the end of ours."""
     with PUBLISHED.open(newline="") as file:
         found = [((line["task"], line["learner"]), float(line["return"])) for line in csv.DictReader(file)]
     returns = {key: np.mean([value for name, value in found if name == key]) for key, _ in found}
     learners = dict.fromkeys(learner for _, learner in returns)
-    lines = [f"| Task | `ours` at the end | Episodes | {' | '.join(f'{each}, 100 episodes' for each in learners)} |"]
+    lines = [f"| Task | `ours` | after episodes | {' | '.join(f'{each}, 100 episodes' for each in learners)} |"]
     lines.append("|---" * (3 + len(learners)) + "|")
     for task in dict.fromkeys(task for task, _ in returns):
         if ours := cells.get(task, {}).get("ours"):

@@ -13,7 +13,6 @@ from scipy.stats import mannwhitneyu
 
 import ablation
 import described
-import descriptions
 import task_learners
 import task_pictures
 import task_table
@@ -24,8 +23,6 @@ from rkhs_ros.policies.variance import ConstantVariance
 from task_learners import LEARNERS
 from trial import HEAD, TASKS, Key, MeteredRunner, Point, add_curves, read_curves
 
-README = Path(__file__).parents[3] / "README.md"
-
 
 @pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_settings_that_fit(name: str) -> None:
@@ -34,6 +31,9 @@ def test_every_task_has_settings_that_fit(name: str) -> None:
             trial = tasks.trial_of(TASKS[name], learner, 3)
             assert trial.config.training.seed == 3
             assert trial.episodes == (TASKS[name].episodes if learner == "ours" else 100)
+        spaces = MeteredRunner(trial).spaces
+        sizes = f"{spaces.observation_dim} | {spaces.action_dim} | {trial.config.training.horizon}"
+        assert f"| `{name}` | {sizes} |" in task_table.PAGE.read_text()
 
 
 class Still:
@@ -137,33 +137,6 @@ def test_a_file_of_other_content_is_not_overwritten(
     assert tasks.main(["--curves", str(tmp_path / "mine.csv")]) == BAD_INPUT
     assert re.match(r"error: .*mine\.csv.*: expected .*, got .*\n$", capsys.readouterr().err)
     assert (tmp_path / "mine.csv").read_text(encoding="latin-1") == text
-
-
-def test_table_and_page_are_those_of_the_stored_curves() -> None:
-    cells = task_table.cells_of(read_curves(tasks.CURVES))
-    assert task_table.TABLE.read_text() == task_table.text_of_table(cells)
-    page = task_table.PAGE.read_text()
-    assert page == task_table.page_with(task_table.summary(cells))
-    lines = [
-        line.strip("| ").split(" | ") for line in (page + README.read_text()).splitlines() if line[:3] in ("| [", "| `")
-    ]
-    rows = {line[0].split("`")[1]: line for line in lines if line[0].startswith("[")}
-    quoted = [line for line in lines if len(line) == 6 and line[0].strip("`") in rows]
-    assert len(quoted) == 5
-    for name, *figures in quoted:
-        row = rows[name.strip("`")]
-        assert figures == [*row[1:4], *row[5:7]]
-
-
-def test_the_table_of_the_ablation_is_that_of_its_stored_curves() -> None:
-    assert (ablation.FILES / "table.csv").read_text() == ablation.table(read_curves(ablation.FILE))
-
-
-def test_the_tables_of_the_descriptions_are_those_of_their_stored_curves() -> None:
-    lines = descriptions.lines_of(read_curves(descriptions.FILE))
-    assert descriptions.TABLE.read_text() == descriptions.table(lines)
-    page = task_table.PAGE.read_text()
-    assert page == task_table.page_with(descriptions.summary(lines), descriptions.BEGIN)
 
 
 @pytest.mark.parametrize("task", described.SUBJECTS)
