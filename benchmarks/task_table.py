@@ -45,9 +45,9 @@ class Cell(NamedTuple):
         return median_until(self.counts(threshold, measure))
 
     @property
-    def action_repeat(self) -> int:
+    def action_repeat(self) -> float:
         """Median number of steps for which the policies hold an action at the end."""
-        return int(np.median([curve[-1].action_repeat for curve in self.curves]))
+        return float(np.median([curve[-1].action_repeat for curve in self.curves]))
 
     def reached(self) -> int:
         """Return the number of runs that reached the first threshold."""
@@ -208,8 +208,8 @@ def _shown(its: Mapping[str, Cell], learner: str) -> str:
     """Return the cell of a learner; "=" if it holds actions, but ours does not, so that it is the one that does not."""
     if learner in its:
         return its[learner].shown()
-    held = its["ours"].action_repeat if LEARNERS[learner].holds_actions and "ours" in its else 0
-    return "=" if held == 1 else "-"
+    held = its["ours"].action_repeat if LEARNERS[learner].holds_actions and "ours" in its else 0.0
+    return "=" if held == 1.0 else "-"
 
 
 def published(cells: Cells) -> list[str]:
