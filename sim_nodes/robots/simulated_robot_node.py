@@ -21,7 +21,6 @@ from rkhs_ros.nodes.core.diagnostics import Diagnostics, rivals
 from rkhs_ros.nodes.core.messages import LATCHED_QOS
 from rkhs_ros.nodes.core.parameters import declare, declared, given
 from rkhs_ros.nodes.core.spin import ReportingNode, run, serve
-from rkhs_ros.robot.gate_settings import LONGEST_END_S
 from sim_nodes.robots import DEFAULT, SETTINGS, settings_of
 from sim_nodes.robots.arm import POSITIONS, ArmReadings, ArmRobot, ArmSettings
 from sim_nodes.robots.drives import JointCommand
@@ -29,7 +28,7 @@ from sim_nodes.robots.motor_pendulum import MotorPendulumRobot
 from sim_nodes.robots.robot import SECOND_PUBLISHER, Hardware, Robot
 
 SENSOR_QOS = QoSProfile(depth=10)  # like the controllers of ros2_control
-LEFT_TIMEOUT_S = LONGEST_END_S + 1.0  # for the senders of commands to exit, before the node exits
+LEFT_TIMEOUT_S = 9.0  # for the senders of commands to exit, before the node exits; a gate takes at most 8
 REPORT_PERIOD_S = 0.1  # between reports of violations, and checks of the commands' publishers
 
 
