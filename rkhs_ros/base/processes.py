@@ -48,7 +48,7 @@ def lossy_output() -> Iterator[None]:
     if os.isatty(2):
         os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")  # ROS's log is no longer connected to the terminal
     with ExitStack() as stack:
-        for stream in (sys.stdout, sys.stderr):
+        for stream in filter(None, (sys.stdout, sys.stderr)):  # None is one that was closed before the start
             stack.enter_context(_copied(stream))
         yield
 

@@ -28,3 +28,9 @@ def test_a_process_whose_output_nobody_reads_goes_on() -> None:
     process = Popen([sys.executable, "-c", CODE.format(lines=50_000)], stdout=PIPE, stderr=PIPE)
     with process:
         assert process.wait(timeout=60.0) == 3  # before its output, more than a pipe holds, is read
+
+
+def test_a_process_without_standard_error_goes_on() -> None:
+    command = ["bash", "-c", 'exec "$0" -c "$1" 2>&-', sys.executable, CODE.format(lines=5)]
+    done = subprocess.run(command, stdout=PIPE, text=True, check=False)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (3, "out")
