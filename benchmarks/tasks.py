@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from command import ended, parsed, parser
 from rkhs_ros.app.study import add_jobs_argument, parse_seeds
 from rkhs_ros.base.endings import FAILED, deferred_signals
@@ -39,9 +37,8 @@ QUICK = {"tasks": ["cart-pole"], "learners": ["linear-cma-es"], "seeds": "100"}
 def repeat_of(curves: Curves, task: str, learner: str) -> int | None:
     """Return the action repeat of the other runs of a learner on a task, or the median of ours; None without any."""
     for name in (learner, "ours"):
-        chosen = [curve[-1].action_repeat for key, curve in curves.items() if key[:2] == (task, name)]
-        if chosen:
-            return int(np.median(chosen))
+        if chosen := [curve for key, curve in curves.items() if key[:2] == (task, name)]:
+            return int(Cell(TASKS[task], chosen).action_repeat)
     return None
 
 

@@ -81,10 +81,11 @@ def change_per_decision(episodes: Episodes, repeat: int) -> float:
 
     Columns that are constant within each episode, such as a goal, do not count.
     """
-    deviations, moving = episodes.flat(episodes.observations).std(axis=0), _changes(episodes, 1) > 0
-    relative = [_changes(episodes, steps)[moving] / deviations[moving] for steps in (1, repeat)]
-    signals = relative[0] < NOISE
-    return float(np.median(relative[1][signals] if signals.any() else relative[1])) if moving.any() else 0.0
+    deviations, once = episodes.flat(episodes.observations).std(axis=0), _changes(episodes, 1)
+    moving = once > 0
+    relative = _changes(episodes, repeat)[moving] / deviations[moving]
+    signals = once[moving] / deviations[moving] < NOISE
+    return float(np.median(relative[signals] if signals.any() else relative)) if moving.any() else 0.0
 
 
 def _changes(episodes: Episodes, steps: int) -> Array:

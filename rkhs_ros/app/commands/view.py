@@ -51,7 +51,7 @@ def run_view(options: argparse.Namespace) -> int:
     os.nice(NICENESS)
     path = options.path or _newest_run(RESULTS)
     source = None if options.wait else Recorded(path)
-    folder = source.path if source else path.parent if path.suffix else path
+    folder = source.path if source else path.parent if path.suffix == ".mcap" else path
     others = {str(other): Recorded(other) for other in options.others}
     print_address = partial(print, f"View {folder} at", flush=True)
     try:

@@ -143,8 +143,13 @@ class EpisodeDriver:
         self._clear_at = self._clear_at if obstacle else now
         if self._gate.removes_obstacles(now) and not self.paused and now < self._clear_at + PATIENCE_S:
             return ""
-        what = f"{obstacle}; {self._gate.remedy}" if obstacle else f"paused; to continue: {self.call('start')}"
+        what = f"{obstacle}; {self._gate.remedy}" if obstacle else self._pause
         return self.sensors.obstacle() or what
+
+    @property
+    def _pause(self) -> str:
+        """What the operator has to do during a pause; empty without one."""
+        return f"paused; to continue: {self.call('start')}" if self.paused else ""
 
     def call(self, service: str) -> str:
         """Return the commands with which the operator calls a service of the node."""
@@ -172,7 +177,7 @@ class EpisodeDriver:
                 return
             if self._moved == self._gate.number:  # the last command was a motion of the reset
                 self._gate.hold()
-            self.waiting = outcome or (f"paused; to continue: {self.call('start')}" if self.paused else "")
+            self.waiting = outcome or self._pause
             if outcome is None and not self.paused:
                 episode.begin(self._observe())
                 self._show(episode)
